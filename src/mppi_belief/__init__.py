@@ -1,0 +1,62 @@
+"""Path integral control in Gaussian belief space (Das and Tanaka): the parts, for use without Hydra.
+
+    import mppi_belief as mb
+
+    obstacles = mb.Obstacles(centers=[[3, 1], [3, -1]], radius=0.65)
+    system = mb.LightDark(obstacles, process_noise=0.3, light=5, noise_slope=0.5**0.5, noise_floor=0.1)
+    cost = mb.GoalObstacleCost(
+        goal=[7, 0, 0, 0], running_weight=[1.5, 1.5, 0.6, 0.6], terminal_weight=[5, 5, 0.15, 0.15],
+        control_weight=[0.035, 0.035], obstacles=obstacles, w_obs=500, bump_width=0.285,
+    )
+    problem = mb.Problem(system, cost, prior_mean=[1, 1, 0, 0], prior_std=[0.2, 0.2, 0.05, 0.05], dt=0.1, steps=60)
+    trial = mb.simulate_trial(problem, mb.EKF(), mb.MPPIBelief(theta=1, control_std=2.75), seed=0, trial=0)
+    print(mb.metrics(problem, trial))
+
+Names are loaded on first use, so that importing the package does not import JAX.
+"""
+
+from importlib import import_module
+from importlib.metadata import PackageNotFoundError, version
+from typing import Any
+
+try:
+    __version__ = version("mppi-belief")
+except PackageNotFoundError:  # a source tree that was never installed
+    __version__ = "0+unknown"
+
+_HOME = {
+    "Belief": "problem",
+    "Controller": "problem",
+    "Cost": "problem",
+    "CostMoments": "problem",
+    "Filter": "problem",
+    "Problem": "problem",
+    "System": "problem",
+    "Obstacles": "obstacles",
+    "LightDark": "systems",
+    "ScalarLinear": "systems",
+    "GoalObstacleCost": "costs",
+    "EKF": "filters",
+    "MPPIBelief": "controllers",
+    "Metrics": "simulate",
+    "Trial": "simulate",
+    "metrics": "simulate",
+    "simulate_trial": "simulate",
+    "struct": "pytree",
+    "number": "pytree",
+    "array": "pytree",
+    "size": "pytree",
+    "choice": "pytree",
+}
+
+__all__ = [*_HOME, "__version__"]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module 'mppi_belief' has no attribute {name!r}")
+    return getattr(import_module(f".{_HOME[name]}", __name__), name)
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -1,0 +1,52 @@
+"""Cost of a belief: eq. (3), eq. (4), and the risk-sensitive cost of Remark 4.
+
+q(mu, Sigma)    = E[q(x)]
+q_RS(mu, Sigma) = E[q(x)] + theta / 2 Var[q(x)]
+"""
+
+import jax.numpy as jnp
+from jax import Array
+
+from . import quadrature
+from .problem import ClosedFormCost, Cost, CostMoments
+
+
+def running_moments(cost: Cost, mean: Array, cov: Array) -> CostMoments:
+    """Moments of the running cost under N(mean, cov): exact where the cost knows them, else of degree 5."""
+    if isinstance(cost, ClosedFormCost):
+        return cost.running_moments(mean, cov)
+    return quadrature_moments(cost, mean, cov)
+
+
+def quadrature_moments(cost: Cost, mean: Array, cov: Array) -> CostMoments:
+    """The same by cubature, deviations squared after the mean is taken off."""
+    base, weights = quadrature.evaluate(cost.base, mean, cov)
+    penalty, _ = quadrature.evaluate(cost.penalty, mean, cov)
+    base_mean, penalty_mean = jnp.sum(weights * base), jnp.sum(weights * penalty)
+    base, penalty = base - base_mean, penalty - penalty_mean
+    return CostMoments(
+        base_mean,
+        penalty_mean,
+        jnp.maximum(jnp.sum(weights * base**2), 0.0),
+        jnp.maximum(jnp.sum(weights * penalty**2), 0.0),
+        jnp.sum(weights * base * penalty),
+    )
+
+
+def risk_sensitive(cost: Cost, mean: Array, cov: Array, theta: Array | float, risk: str = "penalty") -> Array:
+    """q_RS (). `risk` says what the variance is taken of: "penalty" (the obstacles) or "total" (all of q)."""
+    m = running_moments(cost, mean, cov)
+    variance = m.penalty_var if risk == "penalty" else m.base_var + 2 * m.covariance + m.penalty_var
+    return m.base + m.penalty + 0.5 * theta * variance
+
+
+def certainty_equivalent(cost: Cost, mean: Array) -> Array:
+    """The running cost at the mean (), blind to the covariance."""
+    return cost.base(mean) + cost.penalty(mean)
+
+
+def expected_terminal(cost: Cost, mean: Array, cov: Array) -> Array:
+    """phi(mu, Sigma) ()."""
+    if isinstance(cost, ClosedFormCost):
+        return cost.terminal_mean(mean, cov)
+    return quadrature.expectation(cost.terminal, mean, cov)

@@ -1,0 +1,5 @@
+"""Controllers, one file each."""
+
+from .mppi_belief import MPPIBelief
+
+__all__ = ["MPPIBelief"]

@@ -1,0 +1,128 @@
+"""MPPI-Belief (Algorithm 1, receding horizon) and, with `evaluate: mean`, CE-MPPI.
+
+    minimise  E[ phi(mu_H, Sigma_H) + sum_k ( q_RS(mu_k, Sigma_k) + 1/2 u_k' R u_k ) dt ]
+
+over controls, Sigma_k being the schedule of Assumption 1 along the nominal trajectory.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+
+from .. import path_integral as pi
+from ..belief import GainSchedule, diffusion_factors, gain_schedule
+from ..belief_cost import certainty_equivalent, expected_terminal, risk_sensitive
+from ..problem import Belief, Problem
+from ..pytree import choice, number, size, struct
+
+
+class PlanInfo(NamedTuple):
+    """Diagnostics of one step: effective sample size (), cost of the nominal it started from (), planned
+    covariances (H+1, nx, nx)."""
+
+    ess: Array
+    nominal_cost: Array
+    planned_cov: Array
+
+
+@struct
+class MPPIBelief:
+    """Sampling planner on the belief mean.
+
+    temperature   lambda
+    control_std   standard deviation of the sampled control increments; None samples the matched
+                  diffusion itself, covariance lambda R^-1 / dt
+    alpha         Girsanov term gamma nominal' S_u^-1 delta with gamma = lambda (1 - alpha) (Williams
+                  et al. 2018); None takes nominal' R delta dt, which is alpha = 0 in the exact case
+    antithetic    sample in mirrored pairs: half the normals, less variance
+    diffusion     "matched" or "innovation", see `mppi_belief.path_integral`
+    evaluate      "belief" charges q_RS, "mean" the cost at the mean (certainty equivalence)
+    theta, risk   Remark 4 and what its variance is taken of
+    charge        the end of a step at which q is charged, see `mppi_belief.path_integral.path_costs`
+    schedule      how the covariance is planned, see `mppi_belief.belief.gain_schedule`
+    """
+
+    n_samples: int = size(500)
+    horizon: int = size(30)
+    temperature: float = number(1.0, gt=0)
+    control_std: float | None = number(None, gt=0, optional=True)
+    alpha: float | None = number(None, ge=0, le=1, optional=True)
+    antithetic: bool = choice(True, False)
+    diffusion: str = choice("matched", "innovation")
+    evaluate: str = choice("belief", "mean")
+    theta: float = number(0.0, ge=0)
+    risk: str = choice("penalty", "total")
+    charge: str = choice("end", "start")
+    schedule: str = choice("filter", "riccati")
+
+    def init(self, problem: Problem) -> Array:
+        """The zero nominal (H, nu)."""
+        return jnp.zeros((self.horizon, problem.cost.R.shape[0]))
+
+    def act(self, problem: Problem, belief: Belief, plan: Array, key: Array) -> tuple[Array, Array, PlanInfo]:
+        """The control (nu,), the nominal shifted by one step (H, nu), diagnostics."""
+        mean, schedule = belief.mean, gain_schedule(problem, belief, plan, self.schedule)
+        increments, disturbance = self._sample(problem, schedule, key)
+        means = self._rollouts(problem, mean, plan, increments, disturbance)
+        correction = pi.girsanov(plan, increments, self._girsanov_weight(problem))
+        w = pi.weights(self._costs(problem, mean, means, schedule.cov) + correction, self.temperature)
+        improved = plan + pi.weighted_increments(w, increments)
+        nominal_cost = self._costs(problem, mean, schedule.mean[1:, :, None], schedule.cov)[0]
+        info = PlanInfo(pi.effective_sample_size(w), nominal_cost, schedule.cov)
+        return improved[0], self._carry(improved), info
+
+    def _rollouts(
+        self, problem: Problem, mean: Array, plan: Array, increments: Array, disturbance: Array | None
+    ) -> Array:
+        """Means (H, nx, N): the increments move the control (matched), or the disturbance the mean (innovation)."""
+        nominal = jnp.broadcast_to(plan[:, :, None], increments.shape)
+        controls = nominal + increments if disturbance is None else nominal
+        return pi.rollouts(problem, mean, controls, disturbance)
+
+    def _sample(self, problem: Problem, schedule: GainSchedule, key: Array) -> tuple[Array, Array | None]:
+        """Control increments delta (H, nu, N) and, for the innovation diffusion, L eps (H, nx, N)."""
+        R, dt = problem.cost.R, problem.dt
+        if self.diffusion == "matched":
+            normals = self._normals(key, R.shape[0])
+            if self.control_std is not None:
+                return self.control_std * normals, None
+            factor = jnp.linalg.cholesky(jnp.linalg.inv(R) * self.temperature / dt)
+            return jnp.einsum("ij,hjn->hin", factor, normals), None
+        factors, _ = diffusion_factors(schedule)
+        eps = jnp.sqrt(dt) * self._normals(key, factors.shape[-1])
+        disturbance = jnp.einsum("hij,hjn->hin", factors, eps)
+        maps = jax.vmap(lambda mu: pi.control_map(problem.system.G(mu), R))(schedule.mean[:-1])
+        return jnp.einsum("hij,hjn->hin", maps, disturbance) / dt, disturbance
+
+    def _normals(self, key: Array, dim: int) -> Array:
+        """Standard normals (H, dim, N), the second half the mirror image of the first if antithetic."""
+        if not self.antithetic:
+            return jax.random.normal(key, (self.horizon, dim, self.n_samples))
+        half = jax.random.normal(key, (self.horizon, dim, (self.n_samples + 1) // 2))
+        return jnp.concatenate([half, -half], axis=-1)[..., : self.n_samples]
+
+    def _girsanov_weight(self, problem: Problem) -> Array:
+        if self.alpha is None or self.control_std is None:
+            return problem.cost.R * problem.dt
+        return self.temperature * (1 - self.alpha) / self.control_std**2 * jnp.eye(problem.cost.R.shape[0])
+
+    def _costs(self, problem: Problem, mean: Array, means: Array, covs: Array) -> Array:
+        cost = problem.cost
+
+        def running(mu: Array, cov: Array) -> Array:
+            if self.evaluate == "mean":
+                return certainty_equivalent(cost, mu)
+            return risk_sensitive(cost, mu, cov, self.theta, self.risk)
+
+        def terminal(mu: Array, cov: Array) -> Array:
+            return cost.terminal(mu) if self.evaluate == "mean" else expected_terminal(cost, mu, cov)
+
+        return pi.path_costs(problem, mean, means, covs, self.charge, running, terminal)
+
+    def _carry(self, improved: Array) -> Array:
+        """The warm start: shifted by one step; Algorithm 1 as printed starts each step from zero."""
+        if self.diffusion == "innovation":
+            return jnp.zeros_like(improved)
+        return jnp.concatenate([improved[1:], jnp.zeros_like(improved[:1])])

@@ -1,0 +1,5 @@
+"""Filters, one file each."""
+
+from .ekf import EKF
+
+__all__ = ["EKF"]

@@ -1,0 +1,88 @@
+"""Small matrices, many at a time: explicit inverses, factors with a numerical rank, quadratic forms.
+
+LAPACK calls cost more than the arithmetic for the 1x1 and 2x2 blocks met in every planning step, so
+those are written out; larger ones go to LAPACK. Products with a vector that differs from sample to
+sample work on its components: under `vmap` with the samples as last axis, each is then a plain
+vector over the samples, where `M @ x` would transpose the whole batch.
+"""
+
+from collections.abc import Sequence
+
+import jax.numpy as jnp
+from jax import Array
+
+Vector = Array | Sequence[Array]  # (n,), whole or by components
+
+
+def symmetrise(M: Array) -> Array:
+    """(M + M') / 2 for (..., n, n)."""
+    return (M + jnp.swapaxes(M, -1, -2)) / 2
+
+
+def spd_inverse(M: Array) -> Array:
+    """Inverse of a symmetric positive definite (n, n)."""
+    if M.shape[-1] == 1:
+        return 1.0 / M
+    if M.shape[-1] == 2:
+        a, b, d = M[0, 0], M[0, 1], M[1, 1]
+        # the Schur complement keeps its sign under scales as different as 1e-12 and 1e12
+        schur = jnp.maximum(d - b * (b / a), d * jnp.finfo(M.dtype).eps)
+        off = -b / a / schur
+        return jnp.array([[1.0 / a - off * (b / a), off], [off, 1.0 / schur]])
+    return symmetrise(jnp.linalg.inv(M))
+
+
+def log_det_1p(M: Array) -> Array:
+    """log det(I + M) for positive semidefinite M (n, n), accurate for small M."""
+    if M.shape[-1] == 1:
+        return jnp.log1p(M[0, 0])
+    if M.shape[-1] == 2:
+        return jnp.log1p(M[0, 0] + M[1, 1] + M[0, 0] * M[1, 1] - M[0, 1] * M[1, 0])
+    return jnp.sum(jnp.log1p(jnp.linalg.eigvalsh(symmetrise(M))))
+
+
+def psd_factor(M: Array) -> tuple[Array, Array]:
+    """L (n, n) with L L' = M and columns beyond the numerical rank zero, and that rank ().
+
+    Eigenvalues below n * eps * max(eigenvalue) count as zero, NumPy's `matrix_rank` rule. The
+    leading columns come first, so `L[:, :rank]` is the paper's L_t.
+    """
+    values, vectors = jnp.linalg.eigh(symmetrise(M))
+    values, vectors = values[::-1], vectors[:, ::-1]
+    cutoff = M.shape[-1] * jnp.finfo(M.dtype).eps * jnp.max(jnp.abs(values))
+    kept = values > cutoff
+    return vectors * jnp.sqrt(jnp.where(kept, values, 0.0)), jnp.sum(kept)
+
+
+def as_matrix(weight: Array) -> Array:
+    """A weight given as a diagonal (n,) or a matrix (n, n), as a matrix."""
+    weight = jnp.asarray(weight)
+    return jnp.diag(weight) if weight.ndim == 1 else weight
+
+
+def minus(x: Vector, reference: Array) -> list[Array]:
+    """The components of x - reference (n,), n the length of the reference."""
+    reference = jnp.asarray(reference)
+    return [x[i] - reference[i] for i in range(reference.shape[0])]
+
+
+def apply(M: Array, x: Vector) -> list[Array]:
+    """The components of M x, M a diagonal (n,) or a matrix (m, n)."""
+    M = jnp.asarray(M)
+    if M.ndim == 1:
+        return [M[i] * x[i] for i in range(len(x))]
+    return [dot(row, x) for row in M]
+
+
+def dot(a: Vector, b: Vector) -> Array:
+    """a' b ()."""
+    return sum((a[i] * b[i] for i in range(1, len(b))), a[0] * b[0])
+
+
+def quadratic_form(M: Array, x: Vector) -> Array:
+    """x' M x () for symmetric M, a diagonal (n,) or a matrix (n, n)."""
+    M = jnp.asarray(M)
+    if M.ndim == 1:
+        return dot(M, [a * a for a in x])
+    halves = [M[i, i] * x[i] + sum(2 * M[i, j] * x[j] for j in range(i)) for i in range(len(x))]
+    return dot(halves, x)

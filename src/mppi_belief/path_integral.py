@@ -1,0 +1,97 @@
+"""Path integral control in belief space (Sec. V and VI): sampled means, path costs, weights, control.
+
+    mu_{k+1} = mu_k + (f(mu_k) + G u_k) dt + L_k eps_k,   eps_k ~ N(0, I dt)           (18)
+    S        = sum_k q_k(mu_k) dt + phi(mu_H) + sum_k nominal_k' R delta_k dt
+    w        = exp(-S / lambda) / sum exp(-S / lambda)
+    u_0      = nominal_0 + sum_i w_i delta_0^(i)                                      (19)
+
+with the control increment delta_k = R^-1 G' (G R^-1 G')^+ L_k eps_k / dt. Two choices of L:
+
+* innovation: L_k L_k' = D_k, what the measurements will do to the mean. With a zero nominal this is
+  Algorithm 1 as printed.
+* matched: L_k L_k' = lambda G R^-1 G', the matching condition imposed; then L_k eps_k = G delta_k dt,
+  so the noise enters through the control channel about a warm-started nominal, as in MPPI.
+
+The last term of S is Girsanov's, for sampling about a nominal that is not zero (its part that is the
+same for all samples cancels in the weights).
+
+Sampled arrays keep the sample as their last axis: (H, nu, N), (H, nx, N); costs and weights are (N,).
+"""
+
+from collections.abc import Callable
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+
+from .discretise import euler_step
+from .problem import Problem
+
+
+def control_map(G: Array, R: Array) -> Array:
+    """R^-1 G' (G R^-1 G')^+ (nu, nx), the pseudoinverse taken on the range of G (Theorem 6)."""
+    weighted = jnp.linalg.solve(R, G.T)
+    return weighted @ jnp.linalg.pinv(G @ weighted, hermitian=True)
+
+
+def rollouts(problem: Problem, mean: Array, controls: Array, disturbance: Array | None = None) -> Array:
+    """Means mu_1..mu_H (H, nx, N) from one mean (nx,), controls (H, nu, N) and disturbance (H, nx, N)."""
+    move = jax.vmap(lambda mu, u: euler_step(problem.system, mu, u, problem.dt), in_axes=-1, out_axes=-1)
+    start = jnp.broadcast_to(mean[:, None], (mean.shape[0], controls.shape[-1]))
+
+    def advance(mu: Array, drive: tuple[Array, Array | None]) -> tuple[Array, Array]:
+        u, pushed = drive
+        mu = move(mu, u) if pushed is None else move(mu, u) + pushed
+        return mu, mu
+
+    return jax.lax.scan(advance, start, (controls, disturbance))[1]
+
+
+def path_costs(
+    problem: Problem,
+    mean: Array,
+    means: Array,
+    covs: Array,
+    charge: str,
+    running: Callable[[Array, Array], Array],
+    terminal: Callable[[Array, Array], Array],
+) -> Array:
+    """sum_k q dt + phi (N,) for means (H, nx, N) that left `mean` (nx,), along covs (H+1, nx, nx).
+
+    `charge` is the end of each step at which q is taken: "start" is Algorithm 1 as printed (q at mu_k),
+    "end" the state that the control led to. `running` and `terminal` map one mean (nx,) and covariance
+    (nx, nx) to a cost ().
+    """
+    if charge == "start":
+        start = jnp.broadcast_to(mean[:, None], means.shape[1:])
+        charged, at = jnp.concatenate([start[None], means[:-1]]), covs[:-1]
+    else:
+        charged, at = means, covs[1:]
+    rates = jax.vmap(jax.vmap(running, in_axes=(-1, None), out_axes=-1))(charged, at)
+    last = jax.vmap(terminal, in_axes=(-1, None), out_axes=-1)(means[-1], covs[-1])
+    return jnp.full(len(rates), problem.dt) @ rates + last
+
+
+def girsanov(nominal: Array, increments: Array, weight: Array) -> Array:
+    """sum_k nominal_k' W delta_k (N,) for nominal (H, nu), increments (H, nu, N); W = R dt in theory."""
+    return jnp.tensordot(nominal @ weight, increments, axes=2)
+
+
+def weights(costs: Array, temperature: Array | float) -> Array:
+    """Normalised importance weights (N,), by log-sum-exp."""
+    return jax.nn.softmax(-costs / temperature)
+
+
+def effective_sample_size(w: Array) -> Array:
+    """1 / sum w^2 () for normalised weights (N,)."""
+    return 1.0 / jnp.sum(w * w)
+
+
+def log_desirability(costs: Array, temperature: Array | float) -> Array:
+    """log of the Monte Carlo estimate of Psi(t, mu) (17) (): the sample mean of exp(-S / lambda)."""
+    return jax.nn.logsumexp(-costs / temperature) - jnp.log(costs.shape[0])
+
+
+def weighted_increments(w: Array, increments: Array) -> Array:
+    """sum_i w_i delta^(i) (H, nu), the whole horizon of (19)."""
+    return increments @ w

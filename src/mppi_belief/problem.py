@@ -1,0 +1,137 @@
+"""The partially observed control problem (Sec. II): what is controlled, seen and paid for.
+
+    dx = f(x) dt + G(x) u dt + H dw                                                  (1a)
+    dy = c(x) dt + sigma_o(x) dnu                                                    (1b)
+    J  = E[ phi(x_T) + int_0^T ( q(x_s) + 1/2 u_s' R u_s ) ds ]                      (2)
+
+Symbols: nx states, nu controls, ny measurements, nw noise channels. All functions take one state,
+without batch dimensions; batches are made by `jax.vmap`.
+
+    here            paper                here             paper
+    f, G, c         f, G, c              mean, cov        mu, Sigma
+    H               H (noise channel)    horizon          H (Algorithm 1)
+    sigma_o         sigma_o              R                R (control weight)
+    base + penalty  q-bar                temperature      lambda
+    terminal        phi-bar              dt               Delta t
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple, Protocol, runtime_checkable
+
+from jax import Array
+
+from .pytree import array, number, size, struct
+
+
+class Belief(NamedTuple):
+    """A Gaussian belief N(mean, cov): mean (nx,), cov (nx, nx)."""
+
+    mean: Array
+    cov: Array
+
+
+@runtime_checkable
+class System(Protocol):
+    """Control-affine dynamics (1a) and measurement (1b)."""
+
+    @property
+    def noise_convention(self) -> str:
+        """What sigma_o means: "sample" or "intensity", see `mppi_belief.discretise`."""
+
+    @property
+    def H(self) -> Array:
+        """Process noise channel (nx, nw)."""
+
+    def f(self, x: Array) -> Array:
+        """Uncontrolled drift: (nx,) -> (nx,)."""
+
+    def G(self, x: Array) -> Array:
+        """Control channel: (nx,) -> (nx, nu)."""
+
+    def c(self, x: Array) -> Array:
+        """Noise-free measurement: (nx,) -> (ny,)."""
+
+    def sigma_o(self, x: Array) -> Array:
+        """Measurement noise: (nx,) -> (ny, ny), invertible."""
+
+    def position(self, x: Array) -> Array:
+        """The components in which distances are measured: (nx,) -> (d,)."""
+
+    def clearance(self, x: Array) -> Array:
+        """Distance from x to the nearest obstacle surface, negative inside; inf without obstacles."""
+
+
+@runtime_checkable
+class Cost(Protocol):
+    """State cost q = base + penalty, terminal cost and control weight of (2)."""
+
+    @property
+    def R(self) -> Array:
+        """Control weight (nu, nu), positive definite."""
+
+    @property
+    def goal(self) -> Array:
+        """Where the terminal cost is least: (nx,)."""
+
+    def base(self, x: Array) -> Array:
+        """Running cost counted in results: (nx,) -> ()."""
+
+    def penalty(self, x: Array) -> Array:
+        """Running cost that only steers the planner (obstacles): (nx,) -> ()."""
+
+    def terminal(self, x: Array) -> Array:
+        """Terminal cost: (nx,) -> ()."""
+
+
+class CostMoments(NamedTuple):
+    """Moments of base and penalty under a Gaussian belief; every field ()."""
+
+    base: Array
+    penalty: Array
+    base_var: Array
+    penalty_var: Array
+    covariance: Array
+
+
+@runtime_checkable
+class ClosedFormCost(Cost, Protocol):
+    """A cost that knows its Gaussian moments; others are integrated by `mppi_belief.quadrature`."""
+
+    def running_moments(self, mean: Array, cov: Array) -> CostMoments:
+        """Moments under N(mean, cov)."""
+
+    def terminal_mean(self, mean: Array, cov: Array) -> Array:
+        """Expected terminal cost under N(mean, cov): ()."""
+
+
+class Filter(Protocol):
+    """Turns controls and measurements into a belief."""
+
+    def init(self, problem: Problem, key: Array) -> Any:
+        """The belief before the first control."""
+
+    def update(self, problem: Problem, belief: Any, u: Array, y: Array, key: Array) -> Any:
+        """The belief after control u (nu,) and the measurement y (ny,) that followed it."""
+
+
+class Controller(Protocol):
+    """Turns a belief into a control."""
+
+    def init(self, problem: Problem) -> Any:
+        """The plan carried between steps (warm start)."""
+
+    def act(self, problem: Problem, belief: Any, plan: Any, key: Array) -> tuple[Array, Any, Any]:
+        """-> control (nu,), the next plan, diagnostics with at least `ess` ()."""
+
+
+@struct
+class Problem:
+    """Problem 1 with its prior N(prior_mean, diag(prior_std^2)) and its time grid t_k = k dt, k = 0..steps."""
+
+    system: System
+    cost: Cost
+    prior_mean: Array = array(ndim=1)
+    prior_std: Array = array(ndim=1, ge=0)
+    dt: float = number(gt=0)
+    steps: int = size()

@@ -1,0 +1,103 @@
+"""One closed-loop trial: measure, filter, plan, act. The only loop over real time.
+
+Keys are folds of (seed, trial, role, step), so a trial's noise depends on nothing else: not on the
+controller (common random numbers), the number of trials, or who runs it when.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+
+from .belief import prior
+from .discretise import euler_step, measurement_factor
+from .linalg import psd_factor, quadratic_form
+from .problem import Belief, Controller, Filter, Problem
+
+PLANT, FILTER, PLANNER = range(3)
+
+
+class Trial(NamedTuple):
+    """A closed loop of T steps: states (T+1, nx), beliefs (mean (T+1, nx), cov (T+1, nx, nx)), controls
+    (T, nu), measurements (T, ny), effective sample sizes (T,)."""
+
+    states: Array
+    beliefs: Belief
+    controls: Array
+    measurements: Array
+    ess: Array
+
+
+class Metrics(NamedTuple):
+    """What a trial is judged by; each (). Costs are of eq. (2) on the true state, penalties left out,
+    the integral as sum_k (base(x_k) + 1/2 u_k' R u_k) dt over k = 0..T-1."""
+
+    cost: Array
+    running_cost: Array
+    terminal_cost: Array
+    collided: Array
+    clearance: Array
+    final_distance: Array
+    ess: Array
+
+
+def role_key(seed: Array | int, trial: Array | int, role: int) -> Array:
+    """The key of one role in one trial."""
+    return jax.random.fold_in(jax.random.fold_in(jax.random.key(seed), trial), role)
+
+
+def simulate_trial(
+    problem: Problem, filter: Filter, controller: Controller, seed: Array | int, trial: Array | int
+) -> Trial:
+    """Run one trial; pure, so it may be jitted and vmapped over `trial`."""
+    plant, filtering, planning = (role_key(seed, trial, role) for role in (PLANT, FILTER, PLANNER))
+    start = draw_state(problem, jax.random.fold_in(plant, problem.steps))
+    first = filter.init(problem, jax.random.fold_in(filtering, problem.steps))
+
+    def advance(carry: tuple, k: Array) -> tuple[tuple, tuple]:
+        x, belief, plan = carry
+        u, plan, info = controller.act(problem, belief, plan, jax.random.fold_in(planning, k))
+        x, y = plant_step(problem, x, u, jax.random.fold_in(plant, k))
+        belief = filter.update(problem, belief, u, y, jax.random.fold_in(filtering, k))
+        return (x, belief, plan), (x, Belief(belief.mean, belief.cov), u, y, info.ess)
+
+    carry = (start, first, controller.init(problem))
+    _, (states, beliefs, controls, measurements, ess) = jax.lax.scan(advance, carry, jnp.arange(problem.steps))
+    states = jnp.concatenate([start[None], states])
+    beliefs = Belief(*(jnp.concatenate([a[None], b]) for a, b in zip((first.mean, first.cov), beliefs, strict=True)))
+    return Trial(states, beliefs, controls, measurements, ess)
+
+
+def draw_state(problem: Problem, key: Array) -> Array:
+    """A state (nx,) from the prior."""
+    mean, cov = prior(problem)
+    return mean + psd_factor(cov)[0] @ jax.random.normal(key, mean.shape)
+
+
+def plant_step(problem: Problem, x: Array, u: Array, key: Array) -> tuple[Array, Array]:
+    """The true state (nx,) after control u (nu,), and the measurement (ny,) taken there."""
+    system, dt = problem.system, problem.dt
+    state_key, sensor_key = jax.random.split(key)
+    w = jax.random.normal(state_key, (system.H.shape[1],))
+    x = euler_step(system, x, u, dt) + system.H @ w * jnp.sqrt(dt)
+    factor = measurement_factor(system, x, dt)
+    return x, system.c(x) + factor @ jax.random.normal(sensor_key, (factor.shape[1],))
+
+
+def metrics(problem: Problem, trial: Trial) -> Metrics:
+    """Judge a trial. A collision is a state, of any step, on or inside an obstacle."""
+    system, cost = problem.system, problem.cost
+    rates = jax.vmap(lambda x, u: cost.base(x) + 0.5 * quadratic_form(cost.R, u))(trial.states[:-1], trial.controls)
+    running, terminal = jnp.sum(rates) * problem.dt, cost.terminal(trial.states[-1])
+    clearance = jnp.min(jax.vmap(system.clearance)(trial.states))
+    miss = system.position(trial.states[-1]) - system.position(jnp.asarray(cost.goal))
+    return Metrics(
+        cost=running + terminal,
+        running_cost=running,
+        terminal_cost=terminal,
+        collided=clearance <= 0,
+        clearance=clearance,
+        final_distance=jnp.sqrt(jnp.sum(miss**2)),
+        ess=jnp.mean(trial.ess),
+    )

@@ -1,0 +1,43 @@
+"""The scalar linear-Gaussian system of Remark 2, where belief-space path integral control is exact.
+
+dx = (a x + b u) dt + sigma_w dw,      dy = c x dt + sigma_o dnu
+"""
+
+import jax.numpy as jnp
+from jax import Array
+
+from ..pytree import choice, number, struct
+
+
+@struct
+class ScalarLinear:
+    """One state, one control, one measurement, no obstacles."""
+
+    drift: float = number()  # a
+    control_gain: float = number()  # b
+    sensor_gain: float = number()  # c
+    process_noise: float = number(ge=0)  # sigma_w
+    sensor_noise: float = number(gt=0)  # sigma_o
+    noise_convention: str = choice("intensity", "sample")
+
+    @property
+    def H(self) -> Array:
+        return jnp.reshape(jnp.asarray(self.process_noise, dtype=float), (1, 1))
+
+    def f(self, x: Array) -> Array:
+        return self.drift * x
+
+    def G(self, x: Array) -> Array:
+        return jnp.reshape(jnp.asarray(self.control_gain, dtype=float), (1, 1))
+
+    def c(self, x: Array) -> Array:
+        return self.sensor_gain * x
+
+    def sigma_o(self, x: Array) -> Array:
+        return jnp.reshape(jnp.asarray(self.sensor_noise, dtype=float), (1, 1))
+
+    def position(self, x: Array) -> Array:
+        return x
+
+    def clearance(self, x: Array) -> Array:
+        return jnp.asarray(jnp.inf)
