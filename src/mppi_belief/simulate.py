@@ -4,7 +4,7 @@ Keys are folds of (seed, trial, role, step), so a trial's noise depends on nothi
 controller (common random numbers), the number of trials, or who runs it when.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -58,8 +58,7 @@ def simulate_trial(
     def advance(carry: tuple, k: Array) -> tuple[tuple, tuple]:
         x, belief, plan = carry
         u, plan, info = controller.act(problem, belief, plan, jax.random.fold_in(planning, k))
-        x, y = plant_step(problem, x, u, jax.random.fold_in(plant, k))
-        belief = filter.update(problem, belief, u, y, jax.random.fold_in(filtering, k))
+        x, y, belief = respond(problem, filter, x, belief, u, plant, filtering, k)
         return (x, belief, plan), (x, Belief(belief.mean, belief.cov), u, y, info.ess)
 
     carry = (start, first, controller.init(problem))
@@ -67,6 +66,14 @@ def simulate_trial(
     states = jnp.concatenate([start[None], states])
     beliefs = Belief(*(jnp.concatenate([a[None], b]) for a, b in zip((first.mean, first.cov), beliefs, strict=True)))
     return Trial(states, beliefs, controls, measurements, ess)
+
+
+def respond(
+    problem: Problem, filter: Filter, x: Array, belief: Any, u: Array, plant: Array, filtering: Array, k: Array
+) -> tuple[Array, Array, Any]:
+    """What step k answers to control u: the next state (nx,), the measurement (ny,), the next belief."""
+    x, y = plant_step(problem, x, u, jax.random.fold_in(plant, k))
+    return x, y, filter.update(problem, belief, u, y, jax.random.fold_in(filtering, k))
 
 
 def draw_state(problem: Problem, key: Array) -> Array:

@@ -1,0 +1,83 @@
+"""A person's mistake in one line: what Hydra and OmegaConf raise, said plainly."""
+
+import re
+from dataclasses import fields
+from difflib import get_close_matches
+from pathlib import Path
+
+from omegaconf import OmegaConf
+
+from .settings import Settings, unknown_key
+
+
+def one_line(error: BaseException, conf: Path) -> str:
+    """What is wrong, in one line; `conf` is the folder with the config groups."""
+    text = _whole_text(error)
+    for pattern, say in _RULES:
+        found = re.search(pattern, text, re.DOTALL)
+        if found:
+            return say(found, conf)
+    return next((line.strip() for line in text.splitlines() if line.strip()), type(error).__name__)
+
+
+def _whole_text(error: BaseException) -> str:
+    """The messages of an exception and of its causes, outermost first."""
+    texts: list[str] = []
+    at: BaseException | None = error
+    while at is not None:
+        texts.append(str(at))
+        at = at.__cause__ or at.__context__
+    return "\n".join(texts)
+
+
+def _unknown_key(found: re.Match[str], conf: Path) -> str:
+    key = found["key"].strip("'\"+~")
+    return unknown_key(key, _known_keys(key.rpartition(".")[0], conf))
+
+
+def _known_keys(parent: str, conf: Path) -> list[str]:
+    """Keys and groups of the top level, or what the files of a group hold."""
+    if not parent:
+        groups = [entry.name for entry in conf.iterdir() if entry.is_dir()]
+        return [*(setting.name for setting in fields(Settings)), *groups]
+    keys: list[str] = []
+    for path in conf.glob(f"{parent.partition('.')[0]}/*.yaml"):
+        content = OmegaConf.load(path)
+        inner = OmegaConf.select(content, parent) or content  # a file of the global package, or of its own
+        keys += [f"{parent}.{key}" for key in inner]
+    return sorted(set(keys))
+
+
+def _ambiguous(found: re.Match[str], conf: Path) -> str:
+    return f"{found['override']}: several values; add -m to sweep over them"
+
+
+def _unknown_option(found: re.Match[str], conf: Path) -> str:
+    group, _, option = found["choice"].rpartition("/")
+    options = [line.strip() for line in found["options"].splitlines() if line.strip()]
+    near = get_close_matches(option, options, n=1)
+    guess = f"; did you mean '{near[0]}'?" if near else ""
+    return f"{group}={option}: no such option, choose from {', '.join(options)}{guess}"
+
+
+def _bad_value(found: re.Match[str], conf: Path) -> str:
+    wanted = {"Float": "a number", "Integer": "a whole number", "Boolean": "true or false"}
+    return f"{found['key']}={found['value']}: must be {wanted.get(found['type'], found['type'])}"
+
+
+def _bad_enum(found: re.Match[str], conf: Path) -> str:
+    return f"{found['key']}={found['value']}: must be one of {found['options']}"
+
+
+_RULES = [
+    (
+        r"Could not find '(?P<choice>[^']+)'\s+Available options in '[^']+':\s+(?P<options>[^\n]+(?:\n\t[^\n]+)*)",
+        _unknown_option,
+    ),
+    (r"Ambiguous value for argument '(?P<override>[^']+)'", _ambiguous),
+    (r"Could not override '(?P<key>[^']+)'.*is not in struct", _unknown_key),
+    (r"Key '[^']+' (?:is not in struct|not in '[^']+')\s+full_key: (?P<key>\S+)", _unknown_key),
+    (r"Could not override '(?P<key>[^'=@]+)(?:@[^']*)?'\.?\s*(?:No match in|Did you mean)", _unknown_key),
+    (r"Value '(?P<value>[^']*)'.*?could not be converted to (?P<type>\w+)\s+full_key: (?P<key>\S+)", _bad_value),
+    (r"Invalid value '(?P<value>[^']*)', expected one of \[(?P<options>[^\]]*)\]\s+full_key: (?P<key>\S+)", _bad_enum),
+]

@@ -1,0 +1,38 @@
+"""One line a cell: what its trials show, for a terminal."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from .statistics import mean_interval, proportion_interval
+
+
+def summarise(rows: pd.DataFrame, labels: dict[str, Any], seconds: Sequence[float] | None) -> dict[str, str]:
+    """The columns of one line, as text. Trials that failed are counted and left out of every average."""
+    good = rows[rows["status"] == "ok"]
+    cost, clearance = mean_interval(good["cost"].to_numpy()), mean_interval(good["clearance"].to_numpy())
+    collided = proportion_interval(int(good["collided"].astype(bool).sum()), len(good))
+    spread = float(np.std(good["cost"], ddof=1)) if len(good) > 1 else float("nan")
+    line = {name: _plain(value) for name, value in labels.items()}
+    line["trials"] = str(len(rows)) if len(good) == len(rows) else f"{len(rows)} ({len(rows) - len(good)} failed)"
+    line["cost [95 %]"] = f"{cost.value:.2f} [{cost.low:.2f}, {cost.high:.2f}]"
+    line["sd"] = f"{spread:.2f}"
+    line["collided % [95 %]"] = f"{100 * collided.value:.1f} [{100 * collided.low:.1f}, {100 * collided.high:.1f}]"
+    line["clearance m [95 %]"] = f"{clearance.value:.3f} [{clearance.low:.3f}, {clearance.high:.3f}]"
+    line["ESS"] = f"{good['ess'].mean():.1f}"
+    if seconds:
+        line["ms/step (p95)"] = f"{1e3 * np.median(seconds):.2f} ({1e3 * np.quantile(seconds, 0.95):.2f})"
+    return line
+
+
+def _plain(value: Any) -> str:
+    if isinstance(value, float):
+        return "-" if np.isnan(value) else f"{value:g}"
+    return str(value)
+
+
+def as_text(lines: Sequence[dict[str, str]]) -> str:
+    """The lines as a table with aligned columns."""
+    return str(pd.DataFrame(list(lines)).fillna("-").to_string(index=False))

@@ -1,0 +1,93 @@
+"""The types and ranges of a configuration, and the checks that YAML alone cannot make.
+
+Uses OmegaConf's structured configs but no JAX, so that a wrong key is told before anything is loaded.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields
+from difflib import get_close_matches
+from enum import Enum
+from typing import Any
+
+from omegaconf import MISSING
+
+
+class ConfigError(Exception):
+    """A person's input is wrong; the message is one line that says what and where."""
+
+
+class Precision(Enum):
+    """Floating point numbers of the whole computation."""
+
+    float32 = "float32"
+    float64 = "float64"
+
+
+def _ranged(low: float, high: float = math.inf) -> Any:
+    return field(default=MISSING, metadata={"range": (low, high)})
+
+
+@dataclass
+class Planner:
+    """What all sampling planners share."""
+
+    n_samples: int = MISSING
+    horizon: int = MISSING
+    temperature: float = MISSING
+    control_std: float | None = MISSING
+
+
+@dataclass
+class Settings:
+    """The top level of conf/config.yaml; groups are checked where they are built."""
+
+    theta: float = _ranged(0)
+    w_obs: float = _ranged(0)
+    seed: int = _ranged(0, 2**31 - 1)
+    n_trials: int = _ranged(1, 10**7)
+    workers: int = _ranged(1, 1024)
+    precision: Precision = MISSING
+    results_dir: str = MISSING
+    planner: Planner = MISSING
+    problem: dict[str, Any] = MISSING
+    system: dict[str, Any] = MISSING
+    cost: dict[str, Any] = MISSING
+    filter: dict[str, Any] = MISSING
+    controller: dict[str, Any] = MISSING
+
+
+def unknown_key(key: str, known: Sequence[str]) -> str:
+    """One line about a misspelt key, with the nearest known one."""
+    near = get_close_matches(key, known, n=1)
+    return f"unknown key '{key}'" + (f"; did you mean '{near[0]}'?" if near else "; see mppi-belief run --help")
+
+
+def check(config: dict[str, Any]) -> None:
+    """Raise `ConfigError` for an unknown key, a number out of range, and any number anywhere that is not finite."""
+    known = [setting.name for setting in fields(Settings)]
+    for key in config:
+        if key not in known:
+            raise ConfigError(unknown_key(key, known))
+    for setting in fields(Settings):
+        low, high = setting.metadata.get("range", (-math.inf, math.inf))
+        value = config[setting.name]
+        if isinstance(value, float) and not math.isfinite(value):
+            raise ConfigError(f"{setting.name}={value}: must be finite")
+        if isinstance(value, int | float) and not low <= value <= high:
+            bound = f"at least {low}" if value < low else f"at most {high}"
+            raise ConfigError(f"{setting.name}={value:g}: must be {bound}")
+    if not config["results_dir"].strip():
+        raise ConfigError("results_dir: must name a folder")
+    _check_finite(config, "")
+
+
+def _check_finite(node: Any, path: str) -> None:
+    if isinstance(node, dict):
+        for key, value in node.items():
+            _check_finite(value, f"{path}.{key}" if path else str(key))
+    elif isinstance(node, list):
+        for value in node:
+            _check_finite(value, path)
+    elif isinstance(node, float) and not math.isfinite(node):
+        raise ConfigError(f"{path}={node}: must be finite")

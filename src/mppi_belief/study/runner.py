@@ -1,0 +1,102 @@
+"""One plan, one pool, one progress bar: run what is missing of a study's cells."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from tqdm import tqdm
+
+from . import results
+from .plan import Cell, Chunk, chunks
+from .pool import Lost, Pool
+from .provenance import provenance
+from .signals import StoppedAtOnce, polite_stop
+
+
+class Task(NamedTuple):
+    """What a study runs, as functions a worker can import.
+
+    check(config) raises where a configuration cannot be run; run_trials(config, trials) returns an
+    object with `rows`, `paths` and `scene`; time_steps(config) returns seconds of single control steps;
+    failed_row(config, trial, status, error) is the row of a trial without result.
+    """
+
+    check: Callable[..., None]
+    run_trials: Callable[..., Any]
+    time_steps: Callable[..., list[float]]
+    failed_row: Callable[..., dict[str, Any]]
+
+
+class Outcome(NamedTuple):
+    """How a study ended: trials run now and found done, by cell id, and the signal that stopped it, if any."""
+
+    ran: dict[str, int]
+    found: dict[str, int]
+    stopped: int | None
+
+
+def run_study(
+    cells: Sequence[Cell],
+    n_trials: int,
+    root: Path,
+    workers: int,
+    task: Task,
+    command: list[str],
+    import_paths: Sequence[str] = (),
+) -> Outcome:
+    """Run the missing trials of all cells and time their control steps; raises OSError where it cannot write."""
+    results.probe(root)
+    done = {cell.id: set(results.read_rows(root / cell.id, tqdm.write)["trial"]) for cell in cells}
+    found = {cell.id: sum(trial < n_trials for trial in done[cell.id]) for cell in cells}
+    todo = [chunk for cell in cells for chunk in chunks(cell, n_trials, done[cell.id], workers)]
+    for cell in {chunk.cell.id: chunk.cell for chunk in todo}.values():
+        task.check(cell.config)
+    ran = dict.fromkeys(found, 0)
+    pool = Pool(task.run_trials, workers, list(import_paths), tqdm.write)
+    started = provenance(command)
+
+    def stop() -> None:
+        pool.stop()
+        tqdm.write("stopping: finishing the trials that run; once more to stop at once")
+
+    with polite_stop(stop) as signal, _progress(n_trials * len(cells), sum(found.values())) as bar:
+        try:
+            for chunk, batch in pool.run(todo):
+                _keep(root, chunk, batch, task, started)
+                ran[chunk.cell.id] += len(chunk.trials)
+                bar.update(len(chunk.trials))
+            for cell in cells:
+                if signal.number is None:
+                    _time(root, cell, pool, task)
+            pool.close()
+        except BaseException as error:
+            pool.close(kill=True)
+            if not isinstance(error, StoppedAtOnce):
+                raise
+    return Outcome(ran, found, signal.number)
+
+
+def _progress(total: int, initial: int) -> Any:
+    return tqdm(total=total, initial=initial, unit="trial", disable=None, smoothing=0.1, dynamic_ncols=True)
+
+
+def _keep(root: Path, chunk: Chunk, batch: Any, task: Task, started: dict[str, Any]) -> None:
+    """Write a chunk's results; the part file last, since it is what says that the trials are done."""
+    folder, config = root / chunk.cell.id, chunk.cell.config
+    if isinstance(batch, Lost):
+        rows = [task.failed_row(config, trial, batch.status, batch.error) for trial in chunk.trials]
+    else:
+        rows = batch.rows
+        if batch.paths:
+            results.write_paths(folder, batch.paths)
+        if batch.scene is not None:
+            results.write_json(folder, "scene", batch.scene)
+    results.write_rows(folder, rows, {"config": config, **started})
+
+
+def _time(root: Path, cell: Cell, pool: Pool, task: Task) -> None:
+    """The Time column, once for each cell, while no other worker is busy."""
+    if results.read_json(root / cell.id, "timing") is None:
+        seconds = pool.call(task.time_steps, cell.config)
+        if seconds is not None:
+            results.write_json(root / cell.id, "timing", {"seconds": seconds})

@@ -1,0 +1,34 @@
+"""Fixtures shared by all tests."""
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+import mppi_belief as mb
+from helpers import Scalar, float64, light_dark_problem
+
+
+@pytest.fixture
+def x64() -> Iterator[None]:
+    """Double precision for one test."""
+    with float64():
+        yield
+
+
+@pytest.fixture
+def light_dark() -> mb.Problem:
+    """The numbers of the reference scenario."""
+    return light_dark_problem()
+
+
+@pytest.fixture
+def scalar() -> Scalar:
+    """The exactly matched scalar system."""
+    return Scalar()
+
+
+@pytest.fixture
+def rng() -> np.random.Generator:
+    """A fixed stream for the inputs of one test."""
+    return np.random.default_rng(0)

@@ -1,0 +1,51 @@
+"""Time steps and the two meanings of sigma_o."""
+
+from types import SimpleNamespace
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from helpers import light_dark_problem, random_spd
+from mppi_belief import discretise
+from mppi_belief.problem import System
+
+DT = 0.1
+X = np.array([3.0, 1.0, 0.5, -0.2])
+
+
+def system(convention: str) -> System:
+    return light_dark_problem(system={"noise_convention": convention}).system
+
+
+def test_euler_step_by_hand(x64):
+    u = jnp.array([2.0, -4.0])
+    after = discretise.euler_step(system("sample"), jnp.asarray(X), u, DT)
+    np.testing.assert_allclose(after, [3.05, 0.98, 0.7, -0.6], rtol=1e-14)
+
+
+def test_process_noise_acts_on_velocity_in_proportion_to_time(x64):
+    for dt in (DT, 2 * DT):
+        cov = discretise.process_cov(system("sample"), dt)
+        np.testing.assert_allclose(cov, np.diag([0, 0, 0.09 * dt, 0.09 * dt]), atol=1e-16)
+
+
+def test_sigma_o_is_a_samples_standard_deviation_or_an_intensity(x64):
+    variance = (2 / np.sqrt(2) + 0.1) ** 2
+    sample, intensity = system("sample"), system("intensity")
+    np.testing.assert_allclose(discretise.measurement_cov(sample, X, DT), variance * np.eye(2), rtol=1e-14)
+    np.testing.assert_allclose(discretise.measurement_intensity(sample, X, DT), variance * DT * np.eye(2), rtol=1e-14)
+    np.testing.assert_allclose(discretise.measurement_cov(intensity, X, DT), variance / DT * np.eye(2), rtol=1e-14)
+    np.testing.assert_allclose(discretise.measurement_intensity(intensity, X, DT), variance * np.eye(2), rtol=1e-14)
+
+
+@pytest.mark.parametrize("convention", ["sample", "intensity"])
+def test_factor_covariance_and_intensity_agree_for_a_full_noise_matrix(convention, x64, rng):
+    # neither diagonal nor symmetric, so that a transpose would show
+    sigma = random_spd(rng, 2) @ np.array([[1.0, 0.7], [0.0, 1.0]])
+    sensor = SimpleNamespace(noise_convention=convention, sigma_o=lambda x: sigma)
+    factor = discretise.measurement_factor(sensor, X, DT)
+    R_s, R_o = discretise.measurement_cov(sensor, X, DT), discretise.measurement_intensity(sensor, X, DT)
+    np.testing.assert_allclose(factor @ factor.T, R_s, rtol=1e-13)
+    np.testing.assert_allclose(R_o, R_s * DT, rtol=1e-13)
+    np.testing.assert_allclose(R_s if convention == "sample" else R_o, sigma @ sigma.T, rtol=1e-13)

@@ -1,0 +1,33 @@
+"""Distances to discs."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import mppi_belief as mb
+
+
+@pytest.mark.parametrize("d", [1, 2, 3])
+def test_clearance_is_the_least_distance_less_the_radius(d, rng, x64):
+    centers, position = rng.normal(size=(4, d)), rng.normal(size=d)
+    expected = min(np.linalg.norm(position - c) for c in centers) - 0.3
+    clearance = mb.Obstacles(centers, 0.3).clearance
+    np.testing.assert_allclose(clearance(jnp.asarray(position)), expected, rtol=1e-12)
+    np.testing.assert_allclose(jax.jit(clearance)(jnp.asarray(position)), expected, rtol=1e-12)
+
+
+def test_clearance_changes_sign_on_the_surface():
+    obstacles = mb.Obstacles([[3, 1], [3, -1]], 0.65)
+    assert obstacles.clearance(jnp.array([3.0, 1.0])) == pytest.approx(-0.65)
+    assert obstacles.clearance(jnp.array([3.0, 0.0])) == pytest.approx(0.35)
+    assert obstacles.clearance(jnp.array([2.0, 1.0])) == pytest.approx(0.35)
+
+
+def test_without_obstacles_the_clearance_is_infinite():
+    assert mb.Obstacles(np.zeros((0, 2)), 0.65).clearance(jnp.zeros(2)) == np.inf
+
+
+def test_a_negative_radius_is_refused():
+    with pytest.raises(ValueError, match="radius"):
+        mb.Obstacles([[0, 0]], -1)
