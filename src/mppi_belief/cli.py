@@ -103,23 +103,23 @@ def collect(args: Sequence[str]) -> list[dict[str, Any]]:
     from omegaconf import DictConfig, OmegaConf
 
     configs: list[dict[str, Any]] = []
+    labels: list[dict[str, Any]] = []
 
     def job(composed: DictConfig) -> None:
         config: Any = OmegaConf.to_container(composed, resolve=True, enum_to_str=True)
-        hydra_config = HydraConfig.get()
-        config["names"] = {group: hydra_config.runtime.choices[group] for group in NAMED_GROUPS}
-        keys = [override.lstrip("+~").partition("=")[0] for override in hydra_config.overrides.task]
-        config["swept"] = {
-            key: config["names"].get(key, OmegaConf.select(composed, key))
-            for key in keys
-            if key not in (*RUNTIME_KEYS, "sweep")
-        }
+        settings = HydraConfig.get()
+        names = {group: settings.runtime.choices[group] for group in NAMED_GROUPS}
+        keys = [override.lstrip("+~").partition("=")[0] for override in settings.overrides.task]
+        swept = [key for key in keys if key not in (*RUNTIME_KEYS, "sweep")]
         configs.append(config)
+        labels.append(
+            {"names": names, "swept": {key: names.get(key, OmegaConf.select(composed, key)) for key in swept}}
+        )
 
     compose(args, job)
     for config in configs:
         check_settings(config)
-    return configs
+    return [config | label for config, label in zip(configs, labels, strict=True)]
 
 
 def run(args: Sequence[str]) -> int:

@@ -44,7 +44,7 @@ def _known_keys(parent: str, conf: Path) -> list[str]:
     for path in conf.glob(f"{parent.partition('.')[0]}/*.yaml"):
         content = OmegaConf.load(path)
         inner = OmegaConf.select(content, parent) or content  # a file of the global package, or of its own
-        keys += [f"{parent}.{key}" for key in inner]
+        keys += [f"{parent}.{key!s}" for key in inner]
     return sorted(set(keys))
 
 

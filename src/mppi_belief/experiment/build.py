@@ -6,6 +6,7 @@ from importlib import import_module
 from typing import Any, NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from ..problem import Controller, Filter, Problem
@@ -67,6 +68,38 @@ def check(config: dict[str, Any]) -> None:
     _check_fit(parts.problem)
     leaves, shape = jax.tree.flatten(parts)
     _check_shapes(shape, tuple(np.shape(leaf) for leaf in leaves), config["precision"])
+
+
+def _check_fit(problem: Problem) -> None:
+    """Every function of the system and the cost takes a state of the prior's size and returns what it should."""
+    system, cost = problem.system, problem.cost
+    nx, x = len(problem.prior_mean), jnp.asarray(problem.prior_mean)
+    nu, ny = cost.R.shape[0], jax.eval_shape(system.c, x).shape[:1]
+    wanted = {
+        "prior_std": (lambda x: jnp.asarray(problem.prior_std), (nx,)),
+        "cost.goal": (lambda x: jnp.asarray(cost.goal), (nx,)),
+        "cost.R": (lambda x: cost.R, (nu, nu)),
+        "system.f": (system.f, (nx,)),
+        "system.G": (system.G, (nx, nu)),
+        "system.H": (lambda x: system.H, (nx, system.H.shape[-1])),
+        "system.c": (system.c, ny),
+        "system.sigma_o": (system.sigma_o, (*ny, *ny)),
+        "system.clearance": (system.clearance, ()),
+        "cost.base": (cost.base, ()),
+        "cost.penalty": (cost.penalty, ()),
+        "cost.terminal": (cost.terminal, ()),
+    }
+    for name, (function, shape) in wanted.items():
+        try:
+            got = jax.eval_shape(function, x).shape
+        except Exception as error:
+            raise ConfigError(f"{name} fails for a state of shape ({nx},): {_first_line(error)}") from error
+        if got != shape:
+            raise ConfigError(f"{name} has shape {got}, must be {shape} for a state of shape ({nx},)")
+
+
+def _first_line(error: Exception) -> str:
+    return next(iter(str(error).strip().splitlines()), type(error).__name__)
 
 
 @functools.cache
