@@ -6,6 +6,7 @@ that only puts it on a list; when all are there they are checked as a whole and 
 
 import contextlib
 import io
+import json
 import os
 import sys
 import tempfile
@@ -106,20 +107,26 @@ def collect(args: Sequence[str]) -> list[dict[str, Any]]:
     labels: list[dict[str, Any]] = []
 
     def job(composed: DictConfig) -> None:
-        config: Any = OmegaConf.to_container(composed, resolve=True, enum_to_str=True)
+        config: Any = OmegaConf.to_container(composed, resolve=True)
         settings = HydraConfig.get()
         names = {group: settings.runtime.choices[group] for group in NAMED_GROUPS}
         keys = [override.lstrip("+~").partition("=")[0] for override in settings.overrides.task]
         swept = [key for key in keys if key not in (*RUNTIME_KEYS, "sweep")]
         configs.append(config)
-        labels.append(
-            {"names": names, "swept": {key: names.get(key, OmegaConf.select(composed, key)) for key in swept}}
-        )
+        labels.append({"names": names, "swept": {key: names.get(key) or _scalar(config, key) for key in swept}})
 
     compose(args, job)
     for config in configs:
         check_settings(config)
     return [config | label for config, label in zip(configs, labels, strict=True)]
+
+
+def _scalar(config: dict[str, Any], key: str) -> Any:
+    """What `key` (dotted) is set to, lists and dicts as JSON, so that it fits a column."""
+    value: Any = config
+    for part in key.split("."):
+        value = value.get(part) if isinstance(value, dict) else None
+    return json.dumps(value) if isinstance(value, list | dict) else value
 
 
 def run(args: Sequence[str]) -> int:

@@ -65,10 +65,6 @@ def _bad_value(found: re.Match[str], conf: Path) -> str:
     return f"{found['key']}={found['value']}: must be {wanted.get(found['type'], found['type'])}"
 
 
-def _bad_enum(found: re.Match[str], conf: Path) -> str:
-    return f"{found['key']}={found['value']}: must be one of {found['options']}"
-
-
 _RULES = [
     (
         r"Could not find '(?P<choice>[^']+)'\s+Available options in '[^']+':\s+(?P<options>[^\n]+(?:\n\t[^\n]+)*)",
@@ -79,5 +75,4 @@ _RULES = [
     (r"Key '[^']+' (?:is not in struct|not in '[^']+')\s+full_key: (?P<key>\S+)", _unknown_key),
     (r"Could not override '(?P<key>[^'=@]+)(?:@[^']*)?'\.?\s*(?:No match in|Did you mean)", _unknown_key),
     (r"Value '(?P<value>[^']*)'.*?could not be converted to (?P<type>\w+)\s+full_key: (?P<key>\S+)", _bad_value),
-    (r"Invalid value '(?P<value>[^']*)', expected one of \[(?P<options>[^\]]*)\]\s+full_key: (?P<key>\S+)", _bad_enum),
 ]

@@ -114,6 +114,8 @@ def _array(value: Any, rule: Any) -> Any:
         result = np.asarray(value, dtype=float)
     except (TypeError, ValueError):
         raise ValueError(f"must be an array of numbers, got {value!r}") from None
+    if result.size == 0 and 2 in rule["ndim"]:
+        result = result.reshape(0, result.shape[-1])  # an empty list has lost its second dimension
     if result.ndim not in rule["ndim"]:
         wanted = " or ".join(str(n) for n in rule["ndim"])
         raise ValueError(f"must have {wanted} dimension(s), got {result.ndim}")

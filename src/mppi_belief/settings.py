@@ -7,7 +7,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 from difflib import get_close_matches
-from enum import Enum
 from typing import Any
 
 from omegaconf import MISSING
@@ -15,13 +14,6 @@ from omegaconf import MISSING
 
 class ConfigError(Exception):
     """A person's input is wrong; the message is one line that says what and where."""
-
-
-class Precision(Enum):
-    """Floating point numbers of the whole computation."""
-
-    float32 = "float32"
-    float64 = "float64"
 
 
 def _ranged(low: float, high: float = math.inf) -> Any:
@@ -47,7 +39,7 @@ class Settings:
     seed: int = _ranged(0, 2**31 - 1)
     n_trials: int = _ranged(1, 10**7)
     workers: int = _ranged(1, 1024)
-    precision: Precision = MISSING
+    precision: str = field(default=MISSING, metadata={"options": ("float32", "float64")})
     results_dir: str = MISSING
     planner: Planner = MISSING
     problem: dict[str, Any] = MISSING
@@ -70,8 +62,11 @@ def check(config: dict[str, Any]) -> None:
         if key not in known:
             raise ConfigError(unknown_key(key, known))
     for setting in fields(Settings):
-        low, high = setting.metadata.get("range", (-math.inf, math.inf))
         value = config[setting.name]
+        options = setting.metadata.get("options", (value,))
+        if value not in options:
+            raise ConfigError(f"{setting.name}={value}: must be one of {', '.join(options)}")
+        low, high = setting.metadata.get("range", (-math.inf, math.inf))
         if isinstance(value, float) and not math.isfinite(value):
             raise ConfigError(f"{setting.name}={value}: must be finite")
         if isinstance(value, int | float) and not low <= value <= high:

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from .statistics import mean_interval, proportion_interval
+from .statistics import Estimate, mean_interval, proportion_interval
 
 
 def summarise(rows: pd.DataFrame, labels: dict[str, Any], seconds: Sequence[float] | None) -> dict[str, str]:
@@ -17,14 +17,21 @@ def summarise(rows: pd.DataFrame, labels: dict[str, Any], seconds: Sequence[floa
     spread = float(np.std(good["cost"], ddof=1)) if len(good) > 1 else float("nan")
     line = {name: _plain(value) for name, value in labels.items()}
     line["trials"] = str(len(rows)) if len(good) == len(rows) else f"{len(rows)} ({len(rows) - len(good)} failed)"
-    line["cost [95 %]"] = f"{cost.value:.2f} [{cost.low:.2f}, {cost.high:.2f}]"
+    line["cost [95 %]"] = _interval(cost, 2)
     line["sd"] = f"{spread:.2f}"
-    line["collided % [95 %]"] = f"{100 * collided.value:.1f} [{100 * collided.low:.1f}, {100 * collided.high:.1f}]"
-    line["clearance m [95 %]"] = f"{clearance.value:.3f} [{clearance.low:.3f}, {clearance.high:.3f}]"
+    line["collided % [95 %]"] = _interval(Estimate(*(100 * part for part in collided)), 1)
+    line["clearance m [95 %]"] = _interval(clearance, 3)
     line["ESS"] = f"{good['ess'].mean():.1f}"
     if seconds:
         line["ms/step (p95)"] = f"{1e3 * np.median(seconds):.2f} ({1e3 * np.quantile(seconds, 0.95):.2f})"
     return line
+
+
+def _interval(estimate: Estimate, digits: int) -> str:
+    if not np.isfinite(estimate.value):
+        return "-"
+    value, low, high = (f"{part:.{digits}f}" for part in estimate)
+    return f"{value} [{low}, {high}]" if np.isfinite(estimate.low) else value
 
 
 def _plain(value: Any) -> str:

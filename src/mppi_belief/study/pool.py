@@ -80,7 +80,7 @@ class Pool:
         try:
             return self._submit(function, *args).result()
         except BrokenProcessPool:
-            self.close()
+            self.close(kill=True)
             return None
 
     def _fill(self, running: dict[Future[Any], Chunk], fresh: deque[Chunk], suspects: deque[Chunk]) -> None:
@@ -115,7 +115,7 @@ class Pool:
     def _recover(
         self, victims: list[Chunk], alone: bool, suspects: deque[Chunk], strikes: Counter[tuple[str, int]]
     ) -> Iterator[tuple[Chunk, Lost]]:
-        self.close()
+        self.close(kill=True)  # the survivors ignore the SIGTERM that a broken pool sends them
         if not alone:
             self._log(f"a worker died; running again, one at a time: {len(victims)} chunk(s)")
             suspects.extend(victims)

@@ -83,9 +83,7 @@ def _write_table(folder: Path, kind: str, rows: Sequence[dict[str, Any]], table:
 def _write(target: Path, fill: Callable[[Path], Any]) -> None:
     """Temporary file, fsync, rename: a reader sees all of it or nothing, also after a power cut."""
     target.parent.mkdir(parents=True, exist_ok=True)
-    handle, name = tempfile.mkstemp(prefix=".tmp-", dir=target.parent)
-    os.close(handle)
-    temporary = Path(name)
+    temporary = target.with_name(f".tmp-{os.getpid()}-{target.name}")
     try:
         fill(temporary)
         _sync(temporary)
