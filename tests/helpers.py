@@ -108,9 +108,9 @@ def random_spd(rng: np.random.Generator, n: int, low: float = 0.5, high: float =
 
 
 def assert_mean(samples: np.ndarray, target: np.ndarray | float, sigmas: float = SIGMAS) -> None:
-    """The mean over the first axis lies within so many standard errors of the target."""
+    """The mean over the first axis lies within so many standard errors of the target (rounding: 1e-12)."""
     samples = np.asarray(samples, dtype=np.float64)
-    error = samples.std(axis=0, ddof=1) / np.sqrt(len(samples))
+    error = samples.std(axis=0, ddof=1) / np.sqrt(len(samples)) + 1e-12
     assert np.all(np.abs(samples.mean(axis=0) - target) <= sigmas * error), (samples.mean(axis=0), target, error)
 
 
@@ -119,4 +119,4 @@ def assert_covariance(samples: np.ndarray, target: np.ndarray, sigmas: float = S
     samples = np.asarray(samples, dtype=np.float64)
     diagonal = np.diag(target)
     error = np.sqrt((np.outer(diagonal, diagonal) + target**2) / len(samples))
-    assert np.all(np.abs(samples.T @ samples / len(samples) - target) <= sigmas * error + 1e-15)
+    assert np.all(np.abs(samples.T @ samples / len(samples) - target) <= sigmas * error + 1e-12)

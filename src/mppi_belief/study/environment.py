@@ -15,6 +15,12 @@ _ONE_THREAD = {
 }
 
 
+_XLA = (
+    "--xla_cpu_multi_thread_eigen=false",
+    "--xla_cpu_prefer_vector_width=512",  # a third off the cost of exponentials where the CPU has AVX-512
+)
+
+
 def cache_dir() -> Path:
     """Where compiled programs are kept: mppi-belief/xla in the user's cache directory."""
     base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
@@ -25,9 +31,9 @@ def prepare() -> None:
     """Set the environment of this process and of those it will start; what the user has set stays."""
     for name, value in _ONE_THREAD.items():
         os.environ.setdefault(name, value)
-    flags = os.environ.get("XLA_FLAGS", "")
-    if "xla_cpu_multi_thread_eigen" not in flags:
-        os.environ["XLA_FLAGS"] = f"{flags} --xla_cpu_multi_thread_eigen=false".strip()
+    given = os.environ.get("XLA_FLAGS", "").split()
+    names = {flag.partition("=")[0] for flag in given}
+    os.environ["XLA_FLAGS"] = " ".join([*given, *(flag for flag in _XLA if flag.partition("=")[0] not in names)])
     os.environ.setdefault("JAX_PLATFORMS", "cpu")
     os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(cache_dir()))
     os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.2")

@@ -1,0 +1,195 @@
+"""The controller's options, limits and diagnostics."""
+
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jax import Array
+
+import mppi_belief as mb
+from helpers import assert_covariance, light_dark_problem, random_spd
+from mppi_belief import belief_cost
+from mppi_belief.belief import gain_schedule, prior
+from mppi_belief.controllers.mppi_belief import PlanInfo
+
+KEY = jax.random.key(7)
+# one shape for nearly all tests, so that they share what has been compiled
+SMALL = mb.MPPIBelief(n_samples=32, horizon=6, control_std=1.0, temperature=30.0, theta=0.7)
+
+
+@jax.jit
+def act_on(problem: mb.Problem, controller: mb.MPPIBelief, plan: Array, key: Array) -> tuple[Array, Array, PlanInfo]:
+    return controller.act(problem, prior(problem), plan, key)
+
+
+def act(
+    controller: mb.MPPIBelief, problem: mb.Problem, plan: Array | None = None, key: Array = KEY
+) -> tuple[Array, Array, PlanInfo]:
+    """One step from the prior, on the zero nominal unless another is given."""
+    return act_on(problem, controller, controller.init(problem) if plan is None else jnp.asarray(plan), key)
+
+
+def test_certainty_equivalence_is_belief_planning_with_nothing_uncertain(x64):
+    near = {"prior_mean": [2.3, 0.8, 0.5, 0]}
+    certain = light_dark_problem(system={"process_noise": 0}, prior_std=[0, 0, 0, 0], **near)
+    belief, mean = (act(replace(SMALL, evaluate=e, theta=0.0), certain) for e in ("belief", "mean"))
+    np.testing.assert_allclose(belief[0], mean[0], rtol=1e-10)
+    np.testing.assert_allclose(belief[2].ess, mean[2].ess, rtol=1e-10)
+    # where something is uncertain, they part
+    belief, mean = (act(replace(SMALL, evaluate=e, theta=0.0), light_dark_problem(**near)) for e in ("belief", "mean"))
+    assert np.abs(belief[0] - mean[0]).max() > 1e-3
+
+
+def test_certainty_equivalence_ignores_theta(light_dark, x64):
+    controller = replace(SMALL, evaluate="mean")
+    np.testing.assert_array_equal(act(controller, light_dark)[0], act(replace(controller, theta=5.0), light_dark)[0])
+
+
+def test_one_trace_serves_every_theta_temperature_and_weight():
+    traces = []
+
+    @jax.jit
+    def step(problem: mb.Problem, controller: mb.MPPIBelief) -> Array:
+        traces.append(controller)
+        return controller.act(problem, prior(problem), controller.init(problem), KEY)[0]
+
+    controls = [
+        step(light_dark_problem(cost={"w_obs": w_obs}), mb.MPPIBelief(16, 5, 10 * theta + 1, 2.75, theta=theta))
+        for theta, w_obs in ((0.0, 100), (0.5, 500), (5.0, 1e4))
+    ]
+    assert len(traces) == 1
+    assert len({tuple(u.tolist()) for u in controls}) == 3
+
+
+def test_diagnostics(light_dark, x64, rng):
+    nominal = rng.normal(size=(6, 2))
+    running_moments = jax.jit(belief_cost.running_moments)
+    schedule = jax.jit(gain_schedule)(light_dark, prior(light_dark), jnp.asarray(nominal))
+    for charge in ("start", "end"):
+        _, _, info = act(replace(SMALL, charge=charge), light_dark, nominal)
+        np.testing.assert_allclose(info.planned_cov, schedule.cov, atol=1e-14)
+        assert info.planned_cov.shape == (7, 4, 4)
+        assert 1 <= info.ess <= 32
+        total = light_dark.cost.terminal_mean(schedule.mean[6], schedule.cov[6])
+        for k in range(6) if charge == "start" else range(1, 7):
+            m = running_moments(light_dark.cost, schedule.mean[k], schedule.cov[k])
+            total += (m.base + m.penalty + 0.35 * m.penalty_var) * 0.1
+        np.testing.assert_allclose(info.nominal_cost, total, rtol=1e-12)
+
+
+def test_the_plan_is_the_improved_nominal_moved_up_by_one_step(light_dark, x64, rng):
+    nominal = rng.normal(size=(6, 2))
+    u, plan, info = act(replace(SMALL, temperature=1e12), light_dark, nominal)
+    # at a huge temperature all samples count the same, and mirrored ones cancel
+    np.testing.assert_allclose(info.ess, 32, rtol=1e-6)
+    np.testing.assert_allclose(u, nominal[0], atol=1e-6)
+    np.testing.assert_allclose(plan, np.vstack([nominal[1:], np.zeros((1, 2))]), atol=1e-6)
+
+
+def test_at_zero_temperature_the_best_sample_is_taken(light_dark, x64):
+    u, _, info = act(replace(SMALL, temperature=1e-6), light_dark)
+    samples = SMALL._normals(KEY, 2)[0]
+    np.testing.assert_allclose(info.ess, 1, rtol=1e-9)
+    assert np.abs(samples - u[:, None]).max(axis=0).min() < 1e-9
+
+
+@pytest.mark.parametrize("count", [1, 7, 8])
+def test_antithetic_normals_are_mirrored_for_even_and_odd_counts(count):
+    controller = mb.MPPIBelief(n_samples=count, horizon=3, control_std=1.0)
+    normals = controller._normals(KEY, 2)
+    half = (count + 1) // 2
+    assert normals.shape == (3, 2, count)
+    np.testing.assert_array_equal(normals[..., half:], -normals[..., : count - half])
+    assert len(np.unique(normals[..., :half])) == 6 * half
+
+
+@pytest.mark.parametrize("count", [1, 7])
+def test_few_and_odd_samples_give_a_control(count, light_dark):
+    u, _, info = act(replace(SMALL, n_samples=count), light_dark)
+    assert np.all(np.isfinite(u))
+    assert 1 - 1e-6 <= info.ess <= count + 1e-6
+
+
+def test_mirrored_samples_leave_a_symmetric_problem_alone(x64):
+    """At rest at the goal, a sample and its mirror image cost the same."""
+    problem = light_dark_problem(cost={"w_obs": 0}, prior_mean=[7, 0, 0, 0])
+    mirrored, plain = (act(replace(SMALL, antithetic=a), problem)[0] for a in (True, False))
+    np.testing.assert_allclose(mirrored, 0, atol=1e-12)
+    assert np.abs(plain).max() > 1e-3
+
+
+def test_matched_sampling_has_the_covariance_lambda_r_inverse_over_dt(x64, rng):
+    R = random_spd(rng, 2, 0.05, 1.0)
+    problem = light_dark_problem(cost={"control_weight": R})
+    for antithetic in (True, False):
+        controller = mb.MPPIBelief(n_samples=4000, horizon=5, temperature=0.7, antithetic=antithetic)
+        increments, disturbance = controller._sample(problem, None, KEY)
+        assert disturbance is None
+        independent = np.asarray(increments[..., :2000] if antithetic else increments)
+        assert_covariance(np.moveaxis(independent, 1, -1).reshape(-1, 2), 0.7 * np.linalg.inv(R) / 0.1)
+
+
+def test_a_fixed_control_deviation_ignores_r(x64, rng):
+    problem = light_dark_problem(cost={"control_weight": random_spd(rng, 2)})
+    controller = mb.MPPIBelief(n_samples=2000, horizon=5, control_std=2.75, antithetic=False)
+    increments, _ = controller._sample(problem, None, KEY)
+    assert_covariance(np.moveaxis(np.asarray(increments), 1, -1).reshape(-1, 2), 2.75**2 * np.eye(2))
+
+
+def test_innovation_samples_have_the_covariance_of_the_diffusion(light_dark, x64):
+    controller = mb.MPPIBelief(n_samples=5000, horizon=3, diffusion="innovation", antithetic=False)
+    schedule = gain_schedule(light_dark, prior(light_dark), controller.init(light_dark))
+    increments, disturbance = controller._sample(light_dark, schedule, KEY)
+    for k in range(3):
+        assert_covariance(np.asarray(disturbance[k]).T, np.asarray(schedule.diffusion[k]) * 0.1)
+        # the control that would do the same to the velocities
+        np.testing.assert_allclose(increments[k] * 0.1, disturbance[k, 2:], atol=1e-12)
+
+
+def test_the_exact_importance_term_is_alpha_zero(x64, rng):
+    """S_u = lambda R^-1 / dt: the default and Williams' formula agree."""
+    problem = light_dark_problem(cost={"control_weight": [0.05, 0.05]})
+    deviation = np.sqrt(3.0 / 0.05 / problem.dt)
+    controller = replace(SMALL, temperature=3.0, control_std=deviation)
+    plan = rng.normal(size=(6, 2))
+    default, exact, free, matched = (
+        act(c, problem, plan)[0]
+        for c in (
+            controller,
+            replace(controller, alpha=0.0),
+            replace(controller, alpha=1.0),
+            replace(controller, control_std=None),
+        )
+    )
+    np.testing.assert_allclose(default, exact, rtol=1e-10)
+    np.testing.assert_allclose(default, matched, rtol=1e-10)
+    assert np.abs(default - free).max() > 1e-3
+
+
+def test_the_same_key_gives_the_same_control_and_another_one_another(light_dark, x64):
+    first, again, other = (act(SMALL, light_dark, key=jax.random.key(k))[0] for k in (1, 1, 2))
+    np.testing.assert_array_equal(first, again)
+    assert np.all(first != other)
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        ("n_samples", 0),
+        ("horizon", 0),
+        ("temperature", 0),
+        ("control_std", 0),
+        ("alpha", 1.5),
+        ("theta", -1),
+        ("diffusion", "process"),
+        ("evaluate", "median"),
+        ("risk", "none"),
+        ("charge", "middle"),
+        ("schedule", "none"),
+    ],
+)
+def test_settings_without_meaning_are_refused(field, value):
+    with pytest.raises(ValueError, match=field):
+        mb.MPPIBelief(**{field: value})

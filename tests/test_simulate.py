@@ -1,0 +1,182 @@
+"""The closed loop: what is random and what is not, and how a trial is judged."""
+
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jax import Array
+
+import mppi_belief as mb
+import reference
+from helpers import CENTERS, Feedback, assert_covariance, assert_mean, light_dark_problem
+from mppi_belief.simulate import FILTER, PLANNER, PLANT, draw_state, plant_step, role_key
+
+DT, STEPS = 0.1, 20
+MODEL = reference.light_dark(sampled=True, dt=DT)
+
+
+@jax.jit
+def trials(problem: mb.Problem, controller: mb.Controller, seed: Array | int, numbers: Array) -> mb.Trial:
+    return jax.vmap(lambda number: mb.simulate_trial(problem, mb.EKF(), controller, seed, number))(numbers)
+
+
+def run(
+    problem: mb.Problem, controller: mb.Controller, seed: int = 0, numbers: tuple[int, ...] = (0, 1, 2)
+) -> mb.Trial:
+    return jax.tree.map(np.asarray, trials(problem, controller, seed, jnp.array(numbers)))
+
+
+@pytest.fixture
+def problem() -> mb.Problem:
+    return light_dark_problem(steps=STEPS)
+
+
+def residuals(trial: mb.Trial) -> tuple[np.ndarray, np.ndarray]:
+    """Process noise (N, T, 4), and measurement noise over its standard deviation (N, T, 2)."""
+    x, after = trial.states[:, :-1], trial.states[:, 1:]
+    process = after - x - DT * (x @ MODEL.A.T + trial.controls @ MODEL.B.T)
+    sigma = np.abs(after[..., :1] - 5) / np.sqrt(2) + 0.1
+    return process, (trial.measurements - after[..., :2]) / sigma
+
+
+def test_a_trial_has_the_documented_shapes(problem, x64):
+    trial = run(problem, Feedback(1.0))
+    shapes = [np.shape(leaf) for leaf in jax.tree.leaves(trial)]
+    T = STEPS
+    assert shapes == [(3, T + 1, 4), (3, T + 1, 4), (3, T + 1, 4, 4), (3, T, 2), (3, T, 2), (3, T)]
+
+
+def test_the_same_seed_and_trial_give_the_same_bits(problem, x64):
+    controller = mb.MPPIBelief(n_samples=8, horizon=4, control_std=2.75)
+    first, again = (run(problem, controller) for _ in range(2))
+    for a, b in zip(jax.tree.leaves(first), jax.tree.leaves(again), strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
+def test_trials_and_seeds_differ(problem, x64):
+    trial, other = (run(problem, Feedback(1.0), seed=seed) for seed in (0, 1))
+    assert np.all(trial.states[0] != trial.states[1])
+    assert np.all(trial.states != other.states)
+
+
+def test_a_trials_noise_does_not_depend_on_the_other_trials(problem, x64):
+    alone, among = run(problem, Feedback(1.0), numbers=(3,)), run(problem, Feedback(1.0), numbers=(0, 3, 7))
+    np.testing.assert_allclose(alone.states[0], among.states[1], rtol=1e-12)
+
+
+def test_common_random_numbers_whatever_the_controller(problem, x64):
+    """The noise, not the path: states part, the residuals of state and measurement stay."""
+    idle, busy = (run(problem, Feedback(gain)) for gain in (0.0, 2.0))
+    planner = run(problem, mb.MPPIBelief(n_samples=8, horizon=4, control_std=2.75))
+    for other in (busy, planner):
+        np.testing.assert_array_equal(idle.states[:, 0], other.states[:, 0])
+        assert np.abs(idle.states[:, -1] - other.states[:, -1]).max() > 0.1
+        for ours, theirs in zip(residuals(idle), residuals(other), strict=True):
+            np.testing.assert_allclose(ours, theirs, atol=1e-12)
+
+
+def test_roles_have_keys_of_their_own():
+    keys = [jax.random.key_data(role_key(s, t, r)) for s in (0, 1) for t in (0, 1) for r in (PLANT, FILTER, PLANNER)]
+    assert len({tuple(np.asarray(k).tolist()) for k in keys}) == 12
+
+
+def test_plant_noise_has_the_distribution_of_the_model(problem, x64):
+    trial = run(problem, Feedback(0.5), seed=5, numbers=tuple(range(200)))
+    process, sensor = (noise.reshape(-1, noise.shape[-1]) for noise in residuals(trial))
+    assert_mean(np.hstack([process[:, 2:], sensor]), 0.0)
+    np.testing.assert_allclose(process[:, :2], 0, atol=1e-12)
+    # process and measurement noise are independent too
+    expected = np.diag([0.3**2 * DT, 0.3**2 * DT, 1, 1])
+    assert_covariance(np.hstack([process[:, 2:], sensor]), expected)
+    # and white: the noise of one step says nothing of the next
+    pairs = np.concatenate([residuals(trial)[1][:, :-1], residuals(trial)[1][:, 1:]], axis=-1).reshape(-1, 4)
+    assert_covariance(pairs, np.eye(4))
+
+
+@pytest.mark.parametrize("convention", ["sample", "intensity"])
+def test_one_step_of_the_plant_follows_the_noise_convention(convention, x64):
+    problem = light_dark_problem(system={"noise_convention": convention})
+    x, u = jnp.array([3.0, 0.5, 1.0, -1.0]), jnp.array([2.0, 0.0])
+    step = jax.jit(jax.vmap(lambda key: plant_step(problem, x, u, key)))
+    after, y = step(jax.random.split(jax.random.key(2), 20_000))
+    assert_mean(after, [3.1, 0.4, 1.2, -1.0])
+    deviation = 1.9 / np.sqrt(2) + 0.1
+    assert_covariance(np.asarray(y - after[:, :2]), deviation**2 / (1 if convention == "sample" else DT) * np.eye(2))
+
+
+def test_initial_states_are_drawn_from_the_prior(problem, x64):
+    draw = jax.jit(jax.vmap(lambda key: draw_state(problem, key)))
+    states = np.asarray(draw(jax.random.split(jax.random.key(3), 20_000)))
+    assert_mean(states, problem.prior_mean)
+    assert_covariance(states - problem.prior_mean, np.diag(problem.prior_std**2))
+
+
+def test_beliefs_start_at_the_prior_and_follow_the_filter(problem, x64):
+    trial = run(problem, Feedback(1.0))
+    np.testing.assert_array_equal(trial.beliefs.mean[0, 0], problem.prior_mean)
+    np.testing.assert_allclose(trial.controls, -trial.beliefs.mean[:, :-1, :2], rtol=1e-12)
+    mean, cov = trial.beliefs.mean[0, 0], trial.beliefs.cov[0, 0]
+    for k in range(STEPS):
+        mean, cov = reference.kalman_step(
+            mean,
+            cov,
+            trial.measurements[0, k],
+            lambda x, k=k: x + DT * (MODEL.A @ x + MODEL.B @ trial.controls[0, k]),
+            lambda x: MODEL.C @ x,
+            MODEL.Q * DT,
+            lambda x: MODEL.intensity(x) / DT,
+        )
+        np.testing.assert_allclose(trial.beliefs.mean[0, k + 1], mean, atol=1e-8)
+        np.testing.assert_allclose(trial.beliefs.cov[0, k + 1], cov, atol=1e-8)
+
+
+def test_metrics_equal_a_recomputation(problem, x64):
+    trial = run(problem, Feedback(0.7))
+    found = jax.tree.map(np.asarray, jax.jit(jax.vmap(lambda one: mb.metrics(problem, one)))(trial))
+    goal, Q = np.array([7.0, 0, 0, 0]), np.diag([1.5, 1.5, 0.6, 0.6])
+    Q_T, R = np.diag([5, 5, 0.15, 0.15]), 0.035 * np.eye(2)
+    for i in range(3):
+        x, u = trial.states[i], trial.controls[i]
+        running = sum(0.5 * ((x[k] - goal) @ Q @ (x[k] - goal) + u[k] @ R @ u[k]) * DT for k in range(STEPS))
+        terminal = 0.5 * (x[-1] - goal) @ Q_T @ (x[-1] - goal)
+        clearance = min(np.linalg.norm(p - c) for p in x[:, :2] for c in np.array(CENTERS)) - 0.65
+        expected = [
+            running + terminal,
+            running,
+            terminal,
+            clearance <= 0,
+            clearance,
+            np.linalg.norm(x[-1, :2] - [7, 0]),
+        ]
+        np.testing.assert_allclose([part[i] for part in found][:6], np.array(expected, dtype=float), rtol=1e-12)
+        assert found.ess[i] == 1
+
+
+@pytest.mark.parametrize("touched", [0, 7, STEPS])
+def test_a_collision_at_any_state_counts_the_first_and_last_included(touched, problem, x64):
+    """To touch the surface is to collide."""
+    states = np.tile(np.array([0.0, 5.0, 0.0, 0.0]), (STEPS + 1, 1))
+    assert not judge(problem, states, radius=0.65).collided
+    states[touched] = [3.0, 1.5, 0, 0]
+    surface, inside, outside = (judge(problem, states, radius) for radius in (0.5, 0.51, 0.49))
+    assert surface.collided
+    assert inside.collided
+    assert not outside.collided
+    assert surface.clearance == 0
+    assert inside.cost == surface.cost
+
+
+@jax.jit
+def judge(problem: mb.Problem, states: np.ndarray, radius: float) -> mb.Metrics:
+    system = replace(problem.system, obstacles=mb.Obstacles(CENTERS, radius))
+    rest = jnp.zeros((STEPS, 2))
+    trial = mb.Trial(states, mb.Belief(states, states), controls=rest, measurements=rest, ess=jnp.ones(STEPS))
+    return mb.metrics(replace(problem, system=system), trial)
+
+
+def test_costs_leave_the_obstacle_penalty_out(problem, x64):
+    trial = jax.tree.map(lambda leaf: leaf[0], run(problem, Feedback(1.0)))
+    light, heavy = (mb.metrics(light_dark_problem(cost={"w_obs": w}, steps=STEPS), trial).cost for w in (0, 1e4))
+    assert light == heavy
