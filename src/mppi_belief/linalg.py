@@ -41,6 +41,15 @@ def log_det_1p(M: Array) -> Array:
     return jnp.sum(jnp.log1p(jnp.linalg.eigvalsh(symmetrise(M))))
 
 
+def log_det_spd(M: Array) -> Array:
+    """log det M () for symmetric positive definite (n, n)."""
+    if M.shape[-1] == 1:
+        return jnp.log(M[0, 0])
+    if M.shape[-1] == 2:
+        return jnp.log(M[0, 0]) + jnp.log(M[1, 1] - M[0, 1] * (M[0, 1] / M[0, 0]))
+    return 2 * jnp.sum(jnp.log(jnp.diagonal(jnp.linalg.cholesky(M))))
+
+
 def psd_factor(M: Array) -> tuple[Array, Array]:
     """L (n, n) with L L' = M and columns beyond the numerical rank zero, and that rank ().
 

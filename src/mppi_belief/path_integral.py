@@ -34,17 +34,62 @@ def control_map(G: Array, R: Array) -> Array:
     return weighted @ jnp.linalg.pinv(G @ weighted, hermitian=True)
 
 
+def normals(key: Array, shape: tuple[int, int, int], antithetic: bool) -> Array:
+    """Standard normals (H, dim, N), the second half of the samples the mirror image of the first if antithetic."""
+    if not antithetic:
+        return jax.random.normal(key, shape)
+    half = jax.random.normal(key, (*shape[:2], (shape[2] + 1) // 2))
+    return jnp.concatenate([half, -half], axis=-1)[..., : shape[2]]
+
+
+def matched_increments(
+    problem: Problem, normals: Array, temperature: Array | float, std: Array | float | None
+) -> Array:
+    """Control increments delta (H, nu, N) from normals (H, nu, N).
+
+    Their covariance is std^2 I or, for None, lambda R^-1 / dt, with which G delta dt = L eps has
+    exactly the matched diffusion lambda G R^-1 G'.
+    """
+    if std is not None:
+        return std * normals
+    factor = jnp.linalg.cholesky(jnp.linalg.inv(problem.cost.R) * temperature / problem.dt)
+    return jnp.einsum("ij,hjn->hin", factor, normals)
+
+
+def girsanov_weight(
+    problem: Problem, temperature: Array | float, std: Array | float | None, alpha: Array | float | None
+) -> Array:
+    """The matrix W (nu, nu) of `girsanov`.
+
+    R dt in theory; gamma S_u^-1 with gamma = lambda (1 - alpha) for increments of covariance
+    S_u = std^2 I and a given alpha (Williams et al. 2018), which agrees for S_u = lambda R^-1 / dt, alpha = 0.
+    """
+    R = problem.cost.R
+    if alpha is None or std is None:
+        return R * problem.dt
+    return temperature * (1 - alpha) / std**2 * jnp.eye(len(R))
+
+
+def receded(nominal: Array) -> Array:
+    """The nominal (H, nu) one step later, padded with no control."""
+    return jnp.concatenate([nominal[1:], jnp.zeros_like(nominal[:1])])
+
+
 def rollouts(problem: Problem, mean: Array, controls: Array, disturbance: Array | None = None) -> Array:
-    """Means mu_1..mu_H (H, nx, N) from one mean (nx,), controls (H, nu, N) and disturbance (H, nx, N)."""
+    """Means mu_1..mu_H (H, nx, N) from one mean (nx,) or N of them (nx, N), for controls (H, nu, N) and
+    a disturbance (H, nx, N)."""
     move = jax.vmap(lambda mu, u: euler_step(problem.system, mu, u, problem.dt), in_axes=-1, out_axes=-1)
-    start = jnp.broadcast_to(mean[:, None], (mean.shape[0], controls.shape[-1]))
 
     def advance(mu: Array, drive: tuple[Array, Array | None]) -> tuple[Array, Array]:
         u, pushed = drive
         mu = move(mu, u) if pushed is None else move(mu, u) + pushed
         return mu, mu
 
-    return jax.lax.scan(advance, start, (controls, disturbance))[1]
+    return jax.lax.scan(advance, _columns(mean, controls.shape[-1]), (controls, disturbance))[1]
+
+
+def _columns(mean: Array, n_samples: int) -> Array:
+    return mean if mean.ndim == 2 else jnp.broadcast_to(mean[:, None], (len(mean), n_samples))
 
 
 def path_costs(
@@ -56,15 +101,14 @@ def path_costs(
     running: Callable[[Array, Array], Array],
     terminal: Callable[[Array, Array], Array],
 ) -> Array:
-    """sum_k q dt + phi (N,) for means (H, nx, N) that left `mean` (nx,), along covs (H+1, nx, nx).
+    """sum_k q dt + phi (N,) for means (H, nx, N) that left `mean`, along covs (H+1, nx, nx).
 
     `charge` is the end of each step at which q is taken: "start" is Algorithm 1 as printed (q at mu_k),
     "end" the state that the control led to. `running` and `terminal` map one mean (nx,) and covariance
     (nx, nx) to a cost ().
     """
     if charge == "start":
-        start = jnp.broadcast_to(mean[:, None], means.shape[1:])
-        charged, at = jnp.concatenate([start[None], means[:-1]]), covs[:-1]
+        charged, at = jnp.concatenate([_columns(mean, means.shape[-1])[None], means[:-1]]), covs[:-1]
     else:
         charged, at = means, covs[1:]
     rates = jax.vmap(jax.vmap(running, in_axes=(-1, None), out_axes=-1))(charged, at)
@@ -73,7 +117,7 @@ def path_costs(
 
 
 def girsanov(nominal: Array, increments: Array, weight: Array) -> Array:
-    """sum_k nominal_k' W delta_k (N,) for nominal (H, nu), increments (H, nu, N); W = R dt in theory."""
+    """sum_k nominal_k' W delta_k (N,) for nominal (H, nu), increments (H, nu, N), W of `girsanov_weight`."""
     return jnp.tensordot(nominal @ weight, increments, axes=2)
 
 

@@ -57,7 +57,8 @@ def simulate_trial(
 
     def advance(carry: tuple, k: Array) -> tuple[tuple, tuple]:
         x, belief, plan = carry
-        u, plan, info = controller.act(problem, belief, plan, jax.random.fold_in(planning, k))
+        told = seen(controller, belief, x)
+        u, plan, info = controller.act(problem, told, plan, jax.random.fold_in(planning, k))
         x, y, belief = respond(problem, filter, x, belief, u, plant, filtering, k)
         return (x, belief, plan), (x, Belief(belief.mean, belief.cov), u, y, info.ess)
 
@@ -66,6 +67,13 @@ def simulate_trial(
     states = jnp.concatenate([start[None], states])
     beliefs = Belief(*(jnp.concatenate([a[None], b]) for a, b in zip((first.mean, first.cov), beliefs, strict=True)))
     return Trial(states, beliefs, controls, measurements, ess)
+
+
+def seen(controller: Controller, belief: Any, x: Array) -> Any:
+    """What a controller is told: its belief or, if it is an oracle (`sees_state`), the true state (nx,)."""
+    if getattr(controller, "sees_state", False):
+        return Belief(x, jnp.zeros((len(x), len(x)), x.dtype))
+    return belief
 
 
 def respond(

@@ -1,5 +1,8 @@
 """Controllers, one file each."""
 
+from .ekf_ilqg import EKFiLQG
+from .lqg import LQG
 from .mppi_belief import MPPIBelief
+from .pipf import PIPF
 
-__all__ = ["MPPIBelief"]
+__all__ = ["LQG", "PIPF", "EKFiLQG", "MPPIBelief"]

@@ -41,6 +41,7 @@ class MPPIBelief:
     evaluate      "belief" charges q_RS, "mean" the cost at the mean (certainty equivalence)
     theta, risk   Remark 4 and what its variance is taken of
     charge        the end of a step at which q is charged, see `mppi_belief.path_integral.path_costs`
+    sees_state    an oracle: told the true state instead of the belief
     schedule      how the covariance is planned, see `mppi_belief.belief.gain_schedule`
     """
 
@@ -56,6 +57,7 @@ class MPPIBelief:
     risk: str = choice("penalty", "total")
     charge: str = choice("end", "start")
     schedule: str = choice("filter", "riccati")
+    sees_state: bool = choice(False, True)
 
     def init(self, problem: Problem) -> Array:
         """The zero nominal (H, nu)."""
@@ -66,7 +68,8 @@ class MPPIBelief:
         mean, schedule = belief.mean, gain_schedule(problem, belief, plan, self.schedule)
         increments, disturbance = self._sample(problem, schedule, key)
         means = self._rollouts(problem, mean, plan, increments, disturbance)
-        correction = pi.girsanov(plan, increments, self._girsanov_weight(problem))
+        weight = pi.girsanov_weight(problem, self.temperature, self.control_std, self.alpha)
+        correction = pi.girsanov(plan, increments, weight)
         w = pi.weights(self._costs(problem, mean, means, schedule.cov) + correction, self.temperature)
         improved = plan + pi.weighted_increments(w, increments)
         nominal_cost = self._costs(problem, mean, schedule.mean[1:, :, None], schedule.cov)[0]
@@ -85,11 +88,8 @@ class MPPIBelief:
         """Control increments delta (H, nu, N) and, for the innovation diffusion, L eps (H, nx, N)."""
         R, dt = problem.cost.R, problem.dt
         if self.diffusion == "matched":
-            normals = self._normals(key, R.shape[0])
-            if self.control_std is not None:
-                return self.control_std * normals, None
-            factor = jnp.linalg.cholesky(jnp.linalg.inv(R) * self.temperature / dt)
-            return jnp.einsum("ij,hjn->hin", factor, normals), None
+            increments = pi.matched_increments(problem, self._normals(key, len(R)), self.temperature, self.control_std)
+            return increments, None
         factors, _ = diffusion_factors(schedule)
         eps = jnp.sqrt(dt) * self._normals(key, factors.shape[-1])
         disturbance = jnp.einsum("hij,hjn->hin", factors, eps)
@@ -97,16 +97,7 @@ class MPPIBelief:
         return jnp.einsum("hij,hjn->hin", maps, disturbance) / dt, disturbance
 
     def _normals(self, key: Array, dim: int) -> Array:
-        """Standard normals (H, dim, N), the second half the mirror image of the first if antithetic."""
-        if not self.antithetic:
-            return jax.random.normal(key, (self.horizon, dim, self.n_samples))
-        half = jax.random.normal(key, (self.horizon, dim, (self.n_samples + 1) // 2))
-        return jnp.concatenate([half, -half], axis=-1)[..., : self.n_samples]
-
-    def _girsanov_weight(self, problem: Problem) -> Array:
-        if self.alpha is None or self.control_std is None:
-            return problem.cost.R * problem.dt
-        return self.temperature * (1 - self.alpha) / self.control_std**2 * jnp.eye(problem.cost.R.shape[0])
+        return pi.normals(key, (self.horizon, dim, self.n_samples), self.antithetic)
 
     def _costs(self, problem: Problem, mean: Array, means: Array, covs: Array) -> Array:
         cost = problem.cost
@@ -122,7 +113,5 @@ class MPPIBelief:
         return pi.path_costs(problem, mean, means, covs, self.charge, running, terminal)
 
     def _carry(self, improved: Array) -> Array:
-        """The warm start: shifted by one step; Algorithm 1 as printed starts each step from zero."""
-        if self.diffusion == "innovation":
-            return jnp.zeros_like(improved)
-        return jnp.concatenate([improved[1:], jnp.zeros_like(improved[:1])])
+        """The warm start; Algorithm 1 as printed starts each step from zero."""
+        return jnp.zeros_like(improved) if self.diffusion == "innovation" else pi.receded(improved)

@@ -6,7 +6,7 @@ from typing import Any
 
 import jax
 
-from ..simulate import FILTER, PLANNER, PLANT, draw_state, respond, role_key
+from ..simulate import FILTER, PLANNER, PLANT, draw_state, respond, role_key, seen
 from .build import Experiment, build
 
 
@@ -36,9 +36,11 @@ def _time_one_trial(parts: Experiment, seed: int, trial: int, act: Any, rest: An
     belief = filter.init(problem, jax.random.fold_in(keys[FILTER], problem.steps))
     plan, times = controller.init(problem), []
     if trial == 0:
-        jax.block_until_ready(act(problem, controller, belief, plan, keys[PLANNER]))
+        jax.block_until_ready(act(problem, controller, seen(controller, belief, x), plan, keys[PLANNER]))
     for k in range(problem.steps):
-        args = jax.block_until_ready((problem, controller, belief, plan, jax.random.fold_in(keys[PLANNER], k)))
+        args = jax.block_until_ready(
+            (problem, controller, seen(controller, belief, x), plan, jax.random.fold_in(keys[PLANNER], k))
+        )
         started = time.perf_counter()
         u, plan = jax.block_until_ready(act(*args))
         times.append(time.perf_counter() - started)

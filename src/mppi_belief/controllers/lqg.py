@@ -1,0 +1,42 @@
+"""LQG: exact feedback on the belief mean for a linear system and a quadratic cost; obstacles are not seen.
+
+    u_k = feedforward_k + K_k mu_k,   K from the discrete control Riccati recursion
+
+On a linear-quadratic problem this is what every sampling controller of this package tends to. With
+obstacles it ignores them: the cost of the free road.
+"""
+
+import jax.numpy as jnp
+from jax import Array
+
+from .. import ilqr
+from ..problem import Belief, Problem
+from ..pytree import choice, size, struct
+
+
+@struct
+class LQG:
+    """One LQ solution, made at the start.
+
+    horizon  0: over the whole trial, the optimum of (2); else the receding horizon of the other controllers
+    charge   as in `MPPIBelief`; the optimum of (2) as it is reported has "start"
+    """
+
+    horizon: int = size(0, ge=0)
+    charge: str = choice("start", "end")
+
+    def init(self, problem: Problem) -> ilqr.Policy:
+        """Expand about the uncontrolled mean and solve once; exact if that expansion is."""
+        nominal = ilqr.still(problem, self.horizon or problem.steps)
+        cost = ilqr.state_cost(problem, problem.cost.base, len(nominal.controls), self.charge)
+        feed, gains, _ = ilqr.backward(problem, cost, nominal)
+        return ilqr.Policy(nominal.states, nominal.controls + feed, gains)
+
+    def act(
+        self, problem: Problem, belief: Belief, plan: ilqr.Policy, key: Array
+    ) -> tuple[Array, ilqr.Policy, ilqr.Info]:
+        """The feedback (nu,) and the plan for the next step."""
+        u = plan.controls[0] + plan.gains[0] @ (belief.mean - plan.states[0])
+        nothing = jnp.full((), jnp.nan)
+        info = ilqr.Info(nothing, nothing, jnp.zeros((), int), jnp.ones((), bool))
+        return u, plan if self.horizon else ilqr.shifted(plan), info

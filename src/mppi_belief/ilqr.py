@@ -1,0 +1,178 @@
+"""Trajectory optimisation by iterated LQ approximation (Todorov and Li 2005; Tassa et al. 2012).
+
+    minimise  sum_{k<H} 1/2 u_k' R u_k dt + sum_{k<=H} w_k q(x_k) dt + phi(x_H),  x_{k+1} = Euler step of (1a)
+
+w_k is 1 but for one end of the horizon, see `charge_weights`. Each iteration expands dynamics to first
+and costs to second order about the nominal (state Hessians projected to PSD, so that every backward
+pass is well posed), solves the LQ problem, and searches along its direction. Additive noise, also one
+whose sensor noise depends on the state, leaves this solution as it is (certainty equivalence).
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from .discretise import euler_step
+from .linalg import quadratic_form, spd_inverse, symmetrise
+from .problem import Problem
+
+StateCost = Callable[[Array, Array], Array]
+STEPS = 0.5 ** np.arange(12)  # of the line search
+SUFFICIENT = 1e-4  # part of the predicted decrease that a step must reach (Armijo)
+
+
+class Policy(NamedTuple):
+    """u_k = controls_k + gains_k (x - states_k): states (H+1, nx), controls (H, nu), gains (H, nu, nx)."""
+
+    states: Array
+    controls: Array
+    gains: Array
+
+
+class Solution(NamedTuple):
+    """A policy with its cost (), iterations used () and whether they sufficed ()."""
+
+    policy: Policy
+    cost: Array
+    iterations: Array
+    converged: Array
+
+
+class Info(NamedTuple):
+    """Diagnostics: no samples, hence no effective sample size; cost of the plan, iterations, whether converged."""
+
+    ess: Array
+    nominal_cost: Array
+    iterations: Array
+    converged: Array
+
+
+class Settings(NamedTuple):
+    """When to stop: relative decrease of cost, iterations. Regularisation: where it starts, factor, most."""
+
+    tolerance: Array | float
+    max_iterations: Array | int
+    damping: Array | float
+    factor: Array | float
+    most: Array | float
+
+
+def charge_weights(horizon: int, charge: str) -> Array:
+    """w (H+1,): which states of the horizon are charged, "start" 0..H-1 or "end" 1..H."""
+    return jnp.ones(horizon + 1).at[0 if charge == "end" else horizon].set(0.0)
+
+
+def state_cost(problem: Problem, rate: Callable[[Array], Array], horizon: int, charge: str) -> StateCost:
+    """(x, k) -> w_k q(x) dt, plus phi(x) at k = H, for a running cost `rate`."""
+    weights = charge_weights(horizon, charge)
+
+    def cost(x: Array, k: Array) -> Array:
+        return weights[k] * rate(x) * problem.dt + jnp.where(k == horizon, problem.cost.terminal(x), 0.0)
+
+    return cost
+
+
+def follow(
+    problem: Problem, policy: Policy, start: Array, step: Array | float = 0.0, feed: Array | None = None
+) -> Policy:
+    """The policy's own states and controls from `start` (nx,), its feedforward moved by step * feed (H, nu)."""
+    feed = jnp.zeros_like(policy.controls) if feed is None else feed
+
+    def advance(x: Array, at: tuple[Array, Array, Array, Array]) -> tuple[Array, tuple[Array, Array]]:
+        nominal, u, gain, move = at
+        u = u + step * move + gain @ (x - nominal)
+        return euler_step(problem.system, x, u, problem.dt), (x, u)
+
+    last, (states, controls) = jax.lax.scan(advance, start, (policy.states[:-1], policy.controls, policy.gains, feed))
+    return Policy(jnp.concatenate([states, last[None]]), controls, policy.gains)
+
+
+def total_cost(problem: Problem, cost: StateCost, policy: Policy) -> Array:
+    """The objective () of a policy's states and controls."""
+    states = jax.vmap(cost)(policy.states, jnp.arange(len(policy.states)))
+    controls = jax.vmap(lambda u: 0.5 * quadratic_form(problem.cost.R, u))(policy.controls)
+    return jnp.sum(states) + jnp.sum(controls) * problem.dt
+
+
+def backward(
+    problem: Problem, cost: StateCost, policy: Policy, damping: Array | float = 0.0
+) -> tuple[Array, Array, Array]:
+    """Feedforward moves (H, nu), gains (H, nu, nx) and predicted change of cost (2,) for step s: s a + s^2 b."""
+    R, dt, horizon = problem.cost.R, problem.dt, len(policy.controls)
+    move = jax.jacfwd(lambda x, u: euler_step(problem.system, x, u, dt), argnums=(0, 1))
+    A, B = jax.vmap(move)(policy.states[:-1], policy.controls)
+    steps = jnp.arange(horizon + 1)
+    slopes = jax.vmap(jax.grad(cost))(policy.states, steps)
+    bends = jax.vmap(_convex)(jax.vmap(jax.hessian(cost))(policy.states, steps))
+
+    def retreat(value: tuple[Array, Array], at: tuple) -> tuple[tuple[Array, Array], tuple]:
+        (v, V), (A, B, q, Q, u) = value, at
+        Qu, Qx = R @ u * dt + B.T @ v, q + A.T @ v
+        VB = V @ B
+        Quu, Qux = symmetrise(R * dt + B.T @ VB), VB.T @ A
+        inverse = spd_inverse(Quu + damping * jnp.eye(len(u)))
+        feed, gain = -inverse @ Qu, -inverse @ Qux
+        v = Qx + gain.T @ (Quu @ feed + Qu) + Qux.T @ feed
+        V = symmetrise(Q + A.T @ V @ A + gain.T @ (Quu @ gain + Qux) + Qux.T @ gain)
+        return (v, V), (feed, gain, jnp.array([feed @ Qu, 0.5 * feed @ Quu @ feed]))
+
+    end = (slopes[-1], bends[-1])
+    _, (feed, gains, change) = jax.lax.scan(
+        retreat, end, (A, B, slopes[:-1], bends[:-1], policy.controls), reverse=True
+    )
+    return feed, gains, jnp.sum(change, axis=0)
+
+
+def _convex(hessian: Array) -> Array:
+    """The nearest PSD matrix, of (nx, nx)."""
+    values, vectors = jnp.linalg.eigh(symmetrise(hessian))
+    return (vectors * jnp.maximum(values, 0.0)) @ vectors.T
+
+
+def solve(problem: Problem, cost: StateCost, guess: Policy, start: Array, settings: Settings) -> Solution:
+    """Iterate from the guess, followed from `start` (nx,), until the cost's relative decrease is below tolerance."""
+    first = follow(problem, guess, start)
+    State = tuple[Policy, Array, Array, Array, Array]
+
+    def going(state: State) -> Array:
+        _, _, damping, count, converged = state
+        return (count < settings.max_iterations) & ~converged & (damping < settings.most)
+
+    def iterate(state: State) -> State:
+        policy, best, damping, count, _ = state
+        feed, gains, change = backward(problem, cost, policy, damping)
+        closed = policy._replace(gains=gains)
+        trials = jax.vmap(lambda s: follow(problem, closed, policy.states[0], s, feed))(jnp.asarray(STEPS, best.dtype))
+        costs = jax.vmap(lambda trial: total_cost(problem, cost, trial))(trials)
+        predicted = STEPS * change[0] + STEPS**2 * change[1]
+        good = costs - best <= SUFFICIENT * predicted
+        chosen = jnp.argmax(good)  # the longest step that is good enough
+        found = good[chosen] & jnp.isfinite(costs[chosen])
+        small = jnp.abs(change[0] + change[1]) <= settings.tolerance * (1.0 + jnp.abs(best))
+        policy = jax.tree.map(lambda new, old: jnp.where(found, new[chosen], old), trials, policy)
+        policy = policy._replace(gains=gains)
+        damping = jnp.where(found, damping / settings.factor, jnp.maximum(damping, settings.damping) * settings.factor)
+        damping = jnp.where(damping < settings.damping, 0.0, damping)
+        return policy, jnp.where(found, costs[chosen], best), damping, count + 1, small
+
+    state = (first, total_cost(problem, cost, first), jnp.zeros(()), jnp.zeros((), int), jnp.zeros((), bool))
+    policy, best, _, count, converged = jax.lax.while_loop(going, iterate, state)
+    return Solution(policy, best, count, converged)
+
+
+def still(problem: Problem, horizon: int) -> Policy:
+    """No control and no feedback, from the prior mean."""
+    nx, nu = len(problem.prior_mean), problem.cost.R.shape[0]
+    rest = Policy(jnp.zeros((horizon + 1, nx)), jnp.zeros((horizon, nu)), jnp.zeros((horizon, nu, nx)))
+    return follow(problem, rest, jnp.asarray(problem.prior_mean))
+
+
+def shifted(policy: Policy) -> Policy:
+    """The policy one step later; its last step is held without control."""
+    states = jnp.concatenate([policy.states[1:], policy.states[-1:]])
+    controls, gains = (jnp.concatenate([part[1:], jnp.zeros_like(part[:1])]) for part in policy[1:])
+    return Policy(states, controls, gains)

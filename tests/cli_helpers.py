@@ -1,0 +1,108 @@
+"""The command line, called in this process or in one of its own."""
+
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import pytest
+
+from mppi_belief import cli
+from mppi_belief.study import results
+
+COMMAND = str(Path(sys.executable).with_name("mppi-belief"))
+CONF = cli.conf_dir()
+PLANNER = ("planner.n_samples=16", "planner.horizon=4", "problem.steps=3")
+SMALL = ("system=scalar_linear", *PLANNER)
+TIMEOUT = 120  # s, only so that a test that hangs ends
+
+
+class Said(NamedTuple):
+    """How a command ended and what it printed."""
+
+    code: int
+    out: str
+    err: str
+
+
+@contextmanager
+def restored() -> Iterator[None]:
+    """Undo what a command does to its own process."""
+    argv, path, environment, folder = list(sys.argv), list(sys.path), dict(os.environ), Path.cwd()
+    try:
+        yield
+    finally:
+        sys.argv, sys.path[:] = argv, path
+        os.chdir(folder)
+        os.environ.clear()
+        os.environ.update(environment)
+
+
+def call(cwd: Path, capsys: pytest.CaptureFixture[str], *args: str, **env: str) -> Said:
+    """`mppi-belief ARGS` in this process: no start-up to wait for."""
+    with restored():
+        os.chdir(cwd)
+        os.environ.update(env)
+        sys.argv = ["mppi-belief", *args]
+        capsys.readouterr()
+        code = cli.main()
+        return Said(code, *capsys.readouterr())
+
+
+def collect(*args: str) -> list[dict[str, Any]]:
+    """The configurations that `mppi-belief run ARGS` would run."""
+    with restored():
+        return cli.collect(args)
+
+
+def compose(*args: str) -> dict[str, Any]:
+    """The one configuration that `mppi-belief run ARGS` would run."""
+    (config,) = collect(*args)
+    return config
+
+
+def command(cwd: Path, *args: str, **env: str) -> Said:
+    """`mppi-belief ARGS` as a user runs it."""
+    done = subprocess.run(
+        [COMMAND, *args], cwd=cwd, env=os.environ | env, capture_output=True, text=True, timeout=TIMEOUT, check=False
+    )
+    return Said(done.returncode, done.stdout, done.stderr)
+
+
+def python(code: str, cwd: Path) -> str:
+    """What a fresh interpreter prints when it runs `code`."""
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=cwd, capture_output=True, text=True, timeout=TIMEOUT, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout.strip()
+
+
+@contextmanager
+def started(cwd: Path, *args: str) -> Iterator[subprocess.Popen[str]]:
+    """The command in the background, in a process group of its own as a shell would give it; never left behind."""
+    log = cwd / "stderr.txt"
+    with log.open("w") as stderr:
+        process = subprocess.Popen(
+            [COMMAND, *args], cwd=cwd, stdout=subprocess.DEVNULL, stderr=stderr, text=True, start_new_session=True
+        )
+        try:
+            yield process
+        finally:
+            if process.poll() is None:
+                os.killpg(process.pid, signal.SIGKILL)
+            process.wait(TIMEOUT)
+
+
+def rows_hash(root: Path) -> str:
+    """The hash of the results of the only cell under `root`."""
+    (folder,) = root.iterdir()
+    return results.result_hash(results.read_rows(folder))
+
+
+def files_in(folder: Path) -> Sequence[str]:
+    return sorted(path.name for path in folder.iterdir())

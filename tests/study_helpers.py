@@ -1,0 +1,134 @@
+"""Fake work for the pool and the runner. A worker imports this module, so it must not need JAX."""
+
+import os
+import signal
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from mppi_belief.study.plan import Cell, Chunk
+from mppi_belief.study.pool import Pool
+
+TESTS = str(Path(__file__).resolve().parent)
+
+
+class Batch(NamedTuple):
+    """What a runner expects of a task."""
+
+    rows: list[dict[str, Any]]
+    paths: list[dict[str, Any]]
+    scene: dict[str, Any] | None
+
+
+def config(seed: int = 0, **extra: Any) -> dict[str, Any]:
+    """The configuration of a cell that means nothing; `extra` goes to its system, so it makes another cell."""
+    groups: dict[str, Any] = {group: {} for group in ("cost", "problem", "filter", "controller")}
+    names = {"system": "fake", "cost": "fake", "filter": "fake", "controller": "fake"}
+    return {"system": extra, **groups, "names": names, "swept": {}, "seed": seed, "precision": "float32"}
+
+
+def row(trial: int, **values: Any) -> dict[str, Any]:
+    """A row of a trial that went well."""
+    numbers = {"theta": 1.0, "w_obs": 500.0, "running_cost": 2.0, "terminal_cost": 1.0, "final_distance": 0.5}
+    judged = {"cost": 3.0 + trial, "collided": False, "clearance": 0.25, "ess": 8.0, "steps": 3, "error": None}
+    return {"trial": trial, "seed": 0, "status": "ok", "controller": "fake", **numbers, **judged, **values}
+
+
+def failed_row(config: dict[str, Any], trial: int, status: str, error: str) -> dict[str, Any]:
+    nothing = dict.fromkeys(("cost", "running_cost", "terminal_cost", "clearance", "final_distance", "ess"), float("nan"))
+    return row(trial) | nothing | {"collided": None, "steps": 0, "status": status, "error": error}
+
+
+def answer(config: dict[str, Any], trials: Sequence[int]) -> list[tuple[int, int]]:
+    """Seed and trial, after whatever misfortune the configuration asks for."""
+    wishes = config["system"]
+    for trial in trials:
+        if trial == wishes.get("raises"):
+            raise ValueError(f"trial {trial} is cursed")
+        if trial == wishes.get("exits"):
+            os._exit(9)
+        if trial == wishes.get("is_killed"):
+            os.kill(os.getpid(), signal.SIGKILL)
+        if trial == wishes.get("dies_once") and claim(Path(wishes["flag"])):
+            os._exit(9)
+    return [(config["seed"], trial) for trial in trials]
+
+
+def claim(flag: Path) -> bool:
+    """True for whoever comes first."""
+    try:
+        flag.touch(exist_ok=False)
+    except FileExistsError:
+        return False
+    return True
+
+
+def leave_marks(config: dict[str, Any], trials: Sequence[int]) -> list[int]:
+    """Say when a chunk starts and when it ends."""
+    folder = Path(config["system"]["folder"])
+    (folder / f"started-{trials[0]}").touch()
+    time.sleep(0.05)
+    (folder / f"finished-{trials[0]}").touch()
+    return list(trials)
+
+
+def path_and_environment(config: dict[str, Any], trials: Sequence[int]) -> tuple[list[str], dict[str, str], int]:
+    """What a worker has been given."""
+    return sys.path, dict(os.environ), os.getpid()
+
+
+def run_trials(config: dict[str, Any], trials: Sequence[int]) -> Batch:
+    """Rows for the runner."""
+    answer(config, trials)
+    return Batch([row(trial, seed=config["seed"]) for trial in trials], [], {"dt": 0.1})
+
+
+def time_steps(config: dict[str, Any]) -> list[float]:
+    """As if a control step took a millisecond; leaves a note of every call."""
+    if "notes" in config["system"]:
+        with Path(config["system"]["notes"]).open("a") as notes:
+            notes.write("timed\n")
+    return [1e-3, 2e-3, 3e-3]
+
+
+def hang(config: dict[str, Any], trials: Sequence[int]) -> None:
+    """Say who is working, and go on until killed; an orphan that nobody kills ends by itself."""
+    (Path(config["system"]["folder"]) / f"worker-{os.getpid()}").touch()
+    time.sleep(60)
+
+
+def hanging_pool(folder: str) -> None:
+    """A parent with two busy workers, to be run in a process of its own and killed."""
+    pool = Pool(hang, 2, [TESTS], print)
+    for _ in pool.run([Chunk(Cell(config(folder=folder)), (trial,)) for trial in range(2)]):
+        pass
+
+
+def poll(condition: Callable[[], Any], seconds: float = 60) -> Any:
+    """What `condition` returns once it is true; fails when it never is."""
+    deadline = time.monotonic() + seconds
+    while time.monotonic() < deadline:
+        found = condition()
+        if found:
+            return found
+        time.sleep(0.02)
+    raise AssertionError(f"waited {seconds} s in vain")
+
+
+def is_alive(pid: int) -> bool:
+    """Whether a process runs; one that only waits to be reaped does not."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+def ended(pids: Sequence[int]) -> Callable[[], bool]:
+    return lambda: not any(is_alive(pid) for pid in pids)
+
+
+def trials_of(chunks: Iterator[Chunk] | Sequence[Chunk]) -> list[int]:
+    """All trials of some chunks, in their order."""
+    return [trial for chunk in chunks for trial in chunk.trials]
