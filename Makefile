@@ -4,10 +4,10 @@ BIN := $(VENV)/bin
 ARGS ?=
 
 .DEFAULT_GOAL := help
-.PHONY: help install run test check lint types layers format bench clean
+.PHONY: help install run test test-solver check lint types layers format bench picture clean
 
 help:  ## list the targets
-	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
 $(VENV)/.installed: pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 13))' \
@@ -23,6 +23,11 @@ run: install  ## the main job: MPPI-Belief, 200 trials, a table and a picture
 
 test: install  ## the test suite
 	$(BIN)/python -m pytest $(ARGS)
+
+test-solver:  ## the trajectory optimiser against Crocoddyl (1 GB, in an environment of its own)
+	$(PYTHON) -m venv $(VENV)-solver
+	$(VENV)-solver/bin/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[solver]"
+	$(VENV)-solver/bin/python -m pytest -o addopts="-q" tests/solver
 
 check: lint types layers  ## linter, type checker and architecture check
 
@@ -43,5 +48,9 @@ format: install  ## format the code
 bench: install  ## time one control step of each controller, into outputs/bench/
 	$(BIN)/python benchmarks/control_step.py $(ARGS)
 
+picture: install  ## the README's picture, from 200 trials of MPPI-Belief and of CE-MPPI
+	$(BIN)/mppi-belief run -m controller=belief,ce
+	$(BIN)/python docs/readme_picture.py
+
 clean:  ## remove the environment and caches; results stay
-	rm -rf $(VENV) .mypy_cache .pytest_cache .ruff_cache .hypothesis .import_linter_cache
+	rm -rf $(VENV) $(VENV)-solver .mypy_cache .pytest_cache .ruff_cache .hypothesis .import_linter_cache

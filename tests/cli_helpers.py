@@ -4,7 +4,7 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -12,7 +12,6 @@ from typing import Any, NamedTuple
 import pytest
 
 from mppi_belief import cli
-from mppi_belief.study import results
 
 COMMAND = str(Path(sys.executable).with_name("mppi-belief"))
 CONF = cli.conf_dir()
@@ -98,11 +97,5 @@ def started(cwd: Path, *args: str) -> Iterator[subprocess.Popen[str]]:
             process.wait(TIMEOUT)
 
 
-def rows_hash(root: Path) -> str:
-    """The hash of the results of the only cell under `root`."""
-    (folder,) = root.iterdir()
-    return results.result_hash(results.read_rows(folder))
-
-
-def files_in(folder: Path) -> Sequence[str]:
+def files_in(folder: Path) -> list[str]:
     return sorted(path.name for path in folder.iterdir())

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -12,6 +13,9 @@ from jax import Array
 import mppi_belief as mb
 
 CENTERS = [[3, 1], [3, -1]]
+# most tests compile more than they compute: without optimisation that takes half as long
+quick_jit = partial(jax.jit, compiler_options={"xla_backend_optimization_level": 0})
+
 SIGMAS = 4.5  # a true statement fails such a test about once in 150 000
 
 

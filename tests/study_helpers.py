@@ -5,7 +5,9 @@ import signal
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
+from types import FrameType
 from typing import Any, NamedTuple
 
 from mppi_belief.study.plan import Cell, Chunk
@@ -37,7 +39,9 @@ def row(trial: int, **values: Any) -> dict[str, Any]:
 
 
 def failed_row(config: dict[str, Any], trial: int, status: str, error: str) -> dict[str, Any]:
-    nothing = dict.fromkeys(("cost", "running_cost", "terminal_cost", "clearance", "final_distance", "ess"), float("nan"))
+    nothing = dict.fromkeys(
+        ("cost", "running_cost", "terminal_cost", "clearance", "final_distance", "ess"), float("nan")
+    )
     return row(trial) | nothing | {"collided": None, "steps": 0, "status": status, "error": error}
 
 
@@ -132,3 +136,33 @@ def ended(pids: Sequence[int]) -> Callable[[], bool]:
 def trials_of(chunks: Iterator[Chunk] | Sequence[Chunk]) -> list[int]:
     """All trials of some chunks, in their order."""
     return [trial for chunk in chunks for trial in chunk.trials]
+
+
+@contextmanager
+def limited(seconds: float = 100) -> Iterator[None]:
+    """End a test that hangs."""
+
+    def ring(number: int, frame: FrameType | None) -> None:
+        raise TimeoutError(f"still not done after {seconds} s")
+
+    before = signal.signal(signal.SIGALRM, ring)
+    signal.setitimer(signal.ITIMER_REAL, seconds)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, before)
+
+
+def members(group: int) -> list[int]:
+    """The processes of a process group that still run."""
+    found = []
+    for entry in Path("/proc").iterdir():
+        if entry.name.isdigit():
+            try:
+                state, _, of = (entry / "stat").read_text().rpartition(")")[2].split()[:3]
+            except OSError:
+                continue
+            if int(of) == group and state != "Z":
+                found.append(int(entry.name))
+    return found

@@ -12,7 +12,7 @@ from jax import Array
 
 import mppi_belief as mb
 import reference
-from helpers import float64, light_dark_problem
+from helpers import float64, light_dark_problem, quick_jit
 from mppi_belief import belief
 
 PRECISIONS = {"float32": (nullcontext, np.float32), "float64": (float64, np.float64)}
@@ -42,14 +42,15 @@ class Pendulum:
         return jnp.array([[0.1 + x[0] ** 2, 0.0], [0.2, 0.5]])
 
 
-def run(problem: mb.Problem, controls: np.ndarray, measurements: np.ndarray) -> mb.Belief:
+@quick_jit
+def run(problem: mb.Problem, controls: Array, measurements: Array) -> mb.Belief:
     """Beliefs (T,) of a run of predict and correct."""
 
     def step(at: mb.Belief, data: tuple[Array, Array]) -> tuple[mb.Belief, mb.Belief]:
         after = belief.correct(problem, belief.predict(problem, at, data[0]), data[1])
         return after, after
 
-    return jax.lax.scan(step, belief.prior(problem), (jnp.asarray(controls), jnp.asarray(measurements)))[1]
+    return jax.lax.scan(step, belief.prior(problem), (controls, measurements))[1]
 
 
 def test_prior_is_the_problems(light_dark, x64):
@@ -102,7 +103,7 @@ def test_a_nonlinear_system_equals_an_independent_extended_kalman_filter(convent
         np.testing.assert_allclose(found.cov[k], cov, atol=1e-8)
 
 
-@jax.jit
+@quick_jit
 def update(cov: Array, C: Array, R_s: Array) -> tuple[Array, Array, Array]:
     K, S = belief.kalman_gain(cov, C, R_s)
     return belief.joseph(cov, C, R_s, K), K, S

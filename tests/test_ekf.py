@@ -8,7 +8,7 @@ from scipy.stats import chi2
 
 import mppi_belief as mb
 import reference
-from helpers import SIGMAS, Feedback, float64, light_dark_problem
+from helpers import SIGMAS, Feedback, float64, light_dark_problem, quick_jit
 
 TRIALS, STEPS, DT, NOISE = 200, 25, 0.1, 0.4
 ALPHA = 1e-5  # two-sided, all intervals of a test together
@@ -20,7 +20,7 @@ def trial() -> mb.Trial:
     with float64():
         system = {"noise_slope": 0.0, "noise_floor": NOISE}
         problem = light_dark_problem(system=system, prior_std=[0.4, 0.3, 0.5, 0.2], steps=STEPS, dt=DT)
-        run = jax.jit(jax.vmap(lambda number: mb.simulate_trial(problem, mb.EKF(), Feedback(0.5), 1, number)))
+        run = quick_jit(jax.vmap(lambda number: mb.simulate_trial(problem, mb.EKF(), Feedback(0.5), 1, number)))
         return jax.tree.map(np.asarray, run(jnp.arange(TRIALS)))
 
 
@@ -65,7 +65,7 @@ def test_update_is_predict_then_correct(light_dark, x64):
     model = reference.light_dark(sampled=True, dt=DT)
     key, u, y = jax.random.key(0), np.array([1.0, -2.0]), np.array([1.3, 0.8])
     before = mb.EKF().init(light_dark, key)
-    after = jax.jit(mb.EKF().update)(light_dark, before, u, y, key)
+    after = quick_jit(mb.EKF().update)(light_dark, before, u, y, key)
     mean, cov = reference.kalman_step(
         np.asarray(before.mean),
         np.asarray(before.cov),

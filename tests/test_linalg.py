@@ -9,12 +9,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from helpers import float64, random_spd
+from helpers import float64, quick_jit, random_spd
 from mppi_belief import linalg
 
 PRECISIONS = {"float32": (nullcontext, np.float32), "float64": (float64, np.float64)}
-inverse = jax.jit(linalg.spd_inverse)
-factorise = jax.jit(linalg.psd_factor)
+inverse = quick_jit(linalg.spd_inverse)
+factorise = quick_jit(linalg.psd_factor)
 precision = pytest.mark.parametrize("precision", PRECISIONS)
 
 
@@ -60,6 +60,14 @@ def test_log_det_1p_is_accurate_in_float32_for_small_and_large(n, scale, rng):
     M = (scale * random_spd(rng, n)).astype(np.float32)
     expected = np.sum(np.log1p(np.linalg.eigvalsh(M.astype(np.float64))))
     np.testing.assert_allclose(linalg.log_det_1p(jnp.asarray(M)), expected, rtol=4 * n * eps(np.float32))
+
+
+@pytest.mark.parametrize("n", [1, 2, 3])
+@pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
+def test_log_det_spd_under_any_units(n, scale, x64, rng):
+    units = scale * 10 ** rng.uniform(-3, 3, n)
+    M = random_spd(rng, n) * np.outer(units, units)
+    np.testing.assert_allclose(linalg.log_det_spd(jnp.asarray(M)), np.linalg.slogdet(M)[1], rtol=1e-12, atol=1e-12)
 
 
 def test_log_det_of_i_plus_m_itself_would_lose_the_small():

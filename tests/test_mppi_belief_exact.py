@@ -4,8 +4,6 @@ Scalar system, filter at its steady state, D = lambda b^2 / R: with quadratic co
 (19) is a Gaussian integral, and as dt goes to 0 it becomes the feedback of the LQG problem.
 """
 
-from dataclasses import replace
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -110,16 +108,3 @@ def test_the_control_tends_to_lqg(scalar, x64):
     remainder = abs(2 * exact(scalar, 20) - exact(scalar, 10) - continuous(scalar))
     assert remainder < error
     assert abs(found - continuous(scalar)) < SIGMAS * error + remainder
-
-
-def test_theta_does_not_matter_where_only_the_goal_is_paid_for(scalar, x64):
-    """The penalty's variance is zero, and the base cost's trace is the same for all samples."""
-    planner = controller(scalar, 100, 10, **MATCHED)
-    keys, problem = jax.random.split(jax.random.key(1), 3), scalar.problem(10)
-    nominal = planner.init(problem)
-    neutral, averse, certain = (
-        controls(problem, p, nominal, keys)
-        for p in (planner, replace(planner, theta=5.0), replace(planner, evaluate="mean"))
-    )
-    np.testing.assert_allclose(neutral, averse, rtol=1e-10)
-    np.testing.assert_allclose(neutral, certain, rtol=1e-10)

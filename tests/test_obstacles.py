@@ -24,8 +24,11 @@ def test_clearance_changes_sign_on_the_surface():
     assert obstacles.clearance(jnp.array([2.0, 1.0])) == pytest.approx(0.35)
 
 
-def test_without_obstacles_the_clearance_is_infinite():
-    assert mb.Obstacles(np.zeros((0, 2)), 0.65).clearance(jnp.zeros(2)) == np.inf
+@pytest.mark.parametrize("centers", [np.zeros((0, 2)), []])
+def test_without_obstacles_the_clearance_is_infinite(centers):
+    obstacles = mb.Obstacles(centers, 0.65)
+    assert obstacles.centers.ndim == 2
+    assert obstacles.clearance(jnp.zeros(2)) == np.inf
 
 
 def test_a_negative_radius_is_refused():

@@ -34,14 +34,22 @@ def test_control_map_of_rank_deficient_g_is_the_pseudoinverse(n, m, rank, x64, r
 
 
 @pytest.mark.parametrize("disturbed", [True, False])
-def test_rollouts_equal_a_loop(disturbed, x64, rng):
+@pytest.mark.parametrize("together", [True, False])
+def test_rollouts_equal_a_loop(disturbed, together, x64, rng):
+    """From one mean, or from a mean for each sample."""
     problem, H, N = light_dark_problem(), 6, 5
     model = reference.light_dark(sampled=True, dt=DT)
-    mean, controls, pushes = rng.normal(size=4), rng.normal(size=(H, 2, N)), rng.normal(size=(H, 4, N))
-    found = pi.rollouts(problem, jnp.asarray(mean), controls, pushes if disturbed else None)
+    starts, controls, pushes = (
+        rng.normal(size=(4, 1 if together else N)),
+        rng.normal(size=(H, 2, N)),
+        rng.normal(size=(H, 4, N)),
+    )
+    found = pi.rollouts(
+        problem, jnp.asarray(starts[:, 0] if together else starts), controls, pushes if disturbed else None
+    )
     assert found.shape == (H, 4, N)
     for i in range(N):
-        mu = mean
+        mu = starts[:, 0 if together else i]
         for k in range(H):
             mu = mu + (model.A @ mu + model.B @ controls[k, :, i]) * DT + disturbed * pushes[k, :, i]
             np.testing.assert_allclose(found[k, :, i], mu, atol=1e-12)
@@ -64,6 +72,11 @@ def test_path_costs_equal_a_loop(charge, x64, rng):
         first = 0 if charge == "start" else 1
         total = sum(running(path[k], covs[k]) * DT for k in range(first, H + first)) + terminal(path[-1], covs[-1])
         np.testing.assert_allclose(found[i], total, rtol=1e-12)
+
+
+def test_a_receded_nominal_ends_without_control(rng):
+    nominal = rng.normal(size=(4, 2)).astype(np.float32)
+    np.testing.assert_array_equal(pi.receded(nominal), np.vstack([nominal[1:], np.zeros((1, 2))]))
 
 
 def test_girsanov_term_equals_a_loop(x64, rng):

@@ -14,7 +14,7 @@ from scipy.stats import binom, fisher_exact
 import mppi_belief as mb
 from helpers import SIGMAS, light_dark_problem
 
-TRIALS, REFERENCE_TRIALS = 120, 400
+TRIALS, REFERENCE_TRIALS = 100, 400
 
 
 class Row(NamedTuple):

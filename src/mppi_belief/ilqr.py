@@ -13,7 +13,6 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jax import Array
 
 from .discretise import euler_step
@@ -21,7 +20,7 @@ from .linalg import quadratic_form, spd_inverse, symmetrise
 from .problem import Problem
 
 StateCost = Callable[[Array, Array], Array]
-STEPS = 0.5 ** np.arange(12)  # of the line search
+HALVINGS = 12  # steps of the line search
 SUFFICIENT = 1e-4  # part of the predicted decrease that a step must reach (Armijo)
 
 
@@ -145,10 +144,10 @@ def solve(problem: Problem, cost: StateCost, guess: Policy, start: Array, settin
     def iterate(state: State) -> State:
         policy, best, damping, count, _ = state
         feed, gains, change = backward(problem, cost, policy, damping)
-        closed = policy._replace(gains=gains)
-        trials = jax.vmap(lambda s: follow(problem, closed, policy.states[0], s, feed))(jnp.asarray(STEPS, best.dtype))
+        closed, steps = policy._replace(gains=gains), 0.5 ** jnp.arange(HALVINGS, dtype=best.dtype)
+        trials = jax.vmap(lambda s: follow(problem, closed, policy.states[0], s, feed))(steps)
         costs = jax.vmap(lambda trial: total_cost(problem, cost, trial))(trials)
-        predicted = STEPS * change[0] + STEPS**2 * change[1]
+        predicted = steps * change[0] + steps**2 * change[1]
         good = costs - best <= SUFFICIENT * predicted
         chosen = jnp.argmax(good)  # the longest step that is good enough
         found = good[chosen] & jnp.isfinite(costs[chosen])

@@ -32,7 +32,7 @@ class ParticleBelief(NamedTuple):
 class ParticleFilter:
     """`resample_below` is the part of K under which the effective sample size brings on resampling."""
 
-    n_particles: int = size(50, ge=2)
+    n_particles: int = size(50)
     resample_below: float = number(0.5, ge=0, le=1)
 
     def init(self, problem: Problem, key: Array) -> ParticleBelief:

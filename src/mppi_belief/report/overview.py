@@ -69,14 +69,18 @@ def _labels(config: dict[str, Any]) -> dict[str, Any]:
 
 
 def _draw(folder: Path, cell: _Cell, rows: pd.DataFrame, *, fresh: bool) -> Path | None:
-    picture = folder / figures.NAME
-    if picture.exists() and not fresh:
-        return picture
+    picture, run = folder / figures.NAME, shown(folder, cell, rows)
+    if run is not None and (fresh or not picture.exists()):
+        figures.save(figures.trajectories(*run), picture)
+    return picture if run is not None else None
+
+
+def shown(folder: Path, cell: _Cell, rows: pd.DataFrame) -> figures.Run | None:
+    """What a picture can show of these rows' trials, None without kept paths."""
     paths, scene = results.read_paths(folder), results.read_json(folder, "scene")
     paths = paths[paths["trial"].isin(rows["trial"])]
     if paths.empty or scene is None:
         return None
     collided = set(rows.loc[rows["collided"].fillna(False).astype(bool), "trial"]) & set(paths["trial"])
     title = ", ".join(f"{name} {value}" for name, value in _labels(cell.config).items() if value == value)
-    figures.save(figures.trajectories(paths, scene, collided, title), picture)
-    return picture
+    return figures.Run(paths, scene, collided, title)

@@ -1,0 +1,76 @@
+"""PIPF: CE-MPPI from one certain particle, and the two ways to combine many."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import mppi_belief as mb
+from helpers import light_dark_problem
+from mppi_belief.filters.particle import ParticleBelief, summarised
+
+KEY = jax.random.key(3)
+PLAN = 0.3 * jnp.ones((10, 2))
+SHARED = {"horizon": 10, "temperature": 2.0, "control_std": 1.5}
+
+
+def particles(*states: list[float], weights: list[float] | None = None) -> ParticleBelief:
+    log_weights = jnp.log(jnp.asarray(weights)) if weights else jnp.zeros(len(states))
+    return summarised(jnp.asarray(states, dtype=float).T, log_weights)
+
+
+def act(problem: mb.Problem, controller: mb.Controller, belief) -> np.ndarray:
+    return np.asarray(controller.act(problem, belief, PLAN, KEY)[0])
+
+
+@pytest.mark.parametrize("combine", ["average", "pooled"])
+def test_one_certain_particle_gives_the_control_of_ce_mppi(combine, light_dark, x64):
+    state = [2.0, 0.5, 1.0, -0.2]
+    pipf = mb.PIPF(n_samples=64, combine=combine, **SHARED)
+    ce = mb.MPPIBelief(n_samples=64, evaluate="mean", **SHARED)
+    belief = mb.Belief(jnp.asarray(state), jnp.zeros((4, 4)))
+    np.testing.assert_allclose(act(light_dark, pipf, particles(state)), act(light_dark, ce, belief), rtol=1e-12)
+
+
+def increments_and_costs(problem: mb.Problem, belief: ParticleBelief, n_samples: int):
+    """Path costs (K, L) and first increments (K, L, nu), by a plain loop over the paths the controller draws."""
+    count = belief.particles.shape[1] * n_samples
+    half = jax.random.normal(KEY, (10, 2, (count + 1) // 2))
+    deltas = SHARED["control_std"] * np.concatenate([half, -half], axis=-1)[..., :count]
+    costs = np.zeros(count)
+    for i in range(count):
+        x = np.asarray(belief.particles[:, i // n_samples])
+        for k in range(10):
+            u = np.asarray(PLAN[k]) + deltas[k, :, i]
+            x = x + problem.dt * np.concatenate([x[2:], u])
+            rate = problem.cost.base(jnp.asarray(x)) + problem.cost.penalty(jnp.asarray(x))
+            costs[i] += problem.dt * (float(rate) + PLAN[k] @ problem.cost.R @ deltas[k, :, i])
+        costs[i] += float(problem.cost.terminal(jnp.asarray(x)))
+    return costs.reshape(-1, n_samples), deltas[0].T.reshape(-1, n_samples, 2)
+
+
+@pytest.mark.parametrize("combine", ["average", "pooled"])
+def test_particles_are_combined_as_documented(combine, light_dark, x64):
+    belief = particles([1.0, 1.0, 0, 0], [2.0, 0.2, 1, 0], [4.0, -1.0, 0, 0.5], weights=[0.2, 0.5, 0.3])
+    costs, deltas = increments_and_costs(light_dark, belief, n_samples=8)
+    likelihoods = np.exp(-(costs - costs.min()) / SHARED["temperature"])
+    posterior = np.exp(np.asarray(belief.log_weights))[:, None]
+    if combine == "average":
+        weights = posterior * likelihoods / likelihoods.sum(axis=1, keepdims=True)
+    else:
+        weights = posterior * likelihoods / np.sum(posterior * likelihoods)
+    expected = np.asarray(PLAN[0]) + np.einsum("jl,jli->i", weights, deltas)
+    found = act(light_dark, mb.PIPF(n_samples=8, combine=combine, **SHARED), belief)
+    np.testing.assert_allclose(found, expected, rtol=1e-9)
+
+
+def test_the_two_ways_to_combine_differ_where_particles_do(light_dark):
+    belief = particles([1.0, 1.0, 0, 0], [4.0, -1.0, 0, 0.5])
+    controls = [act(light_dark, mb.PIPF(n_samples=64, combine=way, **SHARED), belief) for way in ("average", "pooled")]
+    assert np.linalg.norm(controls[0] - controls[1]) > 0.1
+
+
+def test_a_filter_without_particles_is_refused():
+    problem = light_dark_problem(steps=2)
+    with pytest.raises(TypeError, match="filter=particle"):
+        mb.simulate_trial(problem, mb.EKF(), mb.PIPF(n_samples=4, horizon=3), 0, 0)

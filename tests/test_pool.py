@@ -1,0 +1,139 @@
+"""The pool: every chunk comes back with its result or with why it has none, whatever happens to the workers."""
+
+import importlib.util
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from mppi_belief.study.plan import Cell, Chunk
+from mppi_belief.study.pool import Lost, Pool
+from study_helpers import TESTS, answer, config, ended, leave_marks, limited, path_and_environment, poll
+
+
+@pytest.fixture(autouse=True)
+def in_time() -> Iterator[None]:
+    with limited():
+        yield
+
+
+def split(cell: Cell, n_trials: int, size: int) -> list[Chunk]:
+    return [Chunk(cell, tuple(range(first, min(first + size, n_trials)))) for first in range(0, n_trials, size)]
+
+
+class Ran:
+    """What a pool made of some chunks."""
+
+    def __init__(self, chunks: list[Chunk], workers: int = 2, work: Any = answer) -> None:
+        self.log: list[str] = []
+        pool = Pool(work, workers, [TESTS], self.log.append)
+        self.yielded = list(pool.run(chunks))
+        pool.close()
+        self.answers = [pair for _, result in self.yielded if isinstance(result, list) for pair in result]
+        self.lost = [(chunk, result) for chunk, result in self.yielded if isinstance(result, Lost)]
+
+
+def test_all_chunks_run_once():
+    chunks = split(Cell(config(seed=1)), 10, 4) + split(Cell(config(seed=2)), 5, 1)
+    ran = Ran(chunks)
+    assert sorted(ran.answers) == [(1, trial) for trial in range(10)] + [(2, trial) for trial in range(5)]
+    assert sorted(chunk.trials for chunk, _ in ran.yielded) == sorted(chunk.trials for chunk in chunks)
+    assert (ran.lost, ran.log) == ([], [])
+
+
+def test_more_workers_than_chunks_and_no_chunks_at_all():
+    assert Ran(split(Cell(config()), 2, 2), workers=3).answers == [(0, 0), (0, 1)]
+    assert Ran([]).yielded == []
+
+
+def test_an_exception_loses_its_chunk_and_no_other():
+    ran = Ran(split(Cell(config(raises=5)), 9, 3))
+    ((chunk, lost),) = ran.lost
+    assert chunk.trials == (3, 4, 5)
+    assert lost == Lost("error", "ValueError: trial 5 is cursed")
+    assert sorted(trial for _, trial in ran.answers) == [0, 1, 2, 6, 7, 8]
+
+
+@pytest.mark.parametrize(("fate", "workers"), [("exits", 2), ("is_killed", 1)])
+def test_a_trial_that_kills_its_worker_is_found_and_all_others_have_results(fate, workers):
+    innocent = split(Cell(config(seed=7)), 4, 2)
+    ran = Ran(split(Cell(config(**{fate: 5})), 12, 4) + innocent, workers)
+    ((chunk, lost),) = ran.lost
+    assert (chunk.trials, lost.status) == ((5,), "crashed")
+    others = [(0, trial) for trial in range(12) if trial != 5]
+    assert sorted(ran.answers) == others + [(7, trial) for trial in range(4)]
+    assert any("trial 5 killed its worker 2 times" in line for line in ran.log)
+
+
+def test_a_worker_that_dies_once_costs_no_trial(tmp_path):
+    ran = Ran(split(Cell(config(dies_once=3, flag=str(tmp_path / "flag"))), 8, 2))
+    assert sorted(trial for _, trial in ran.answers) == list(range(8))
+    assert ran.lost == []
+    assert "a worker died" in ran.log[0]
+
+
+def test_stop_finishes_what_runs_and_starts_no_more(tmp_path):
+    pool = Pool(leave_marks, 2, [TESTS], print)
+    trials = []
+    for _, done in pool.run(split(Cell(config(folder=str(tmp_path))), 30, 1)):
+        trials += done
+        pool.stop()
+    pool.close()
+    started = {int(path.name.partition("-")[2]) for path in tmp_path.glob("started-*")}
+    finished = {int(path.name.partition("-")[2]) for path in tmp_path.glob("finished-*")}
+    assert started == finished == set(trials)
+    assert 1 <= len(trials) <= 3  # two that run and one that waits for a free worker
+
+
+def test_a_stopped_pool_runs_nothing(tmp_path):
+    pool = Pool(leave_marks, 2, [TESTS], print)
+    pool.stop()
+    assert list(pool.run(split(Cell(config(folder=str(tmp_path))), 3, 1))) == []
+    pool.close()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_call_returns_a_result_and_none_when_its_worker_dies():
+    pool = Pool(answer, 1, [TESTS], print)
+    assert pool.call(answer, config(seed=4), [1]) == [(4, 1)]
+    assert pool.call(answer, config(exits=1), [1]) is None
+    assert pool.call(answer, config(seed=5), [1]) == [(5, 1)]
+    with pytest.raises(ValueError, match="trial 1 is cursed"):
+        pool.call(answer, config(raises=1), [1])
+    pool.close()
+
+
+def test_workers_are_given_import_paths_and_end_with_the_pool(tmp_path, monkeypatch):
+    (tmp_path / "users_module.py").write_text("def double(config, trials): return [2 * trial for trial in trials]\n")
+    spec = importlib.util.spec_from_file_location("users_module", tmp_path / "users_module.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    monkeypatch.setitem(sys.modules, "users_module", module)
+    pool = Pool(module.double, 1, [TESTS, str(tmp_path)], print)
+    assert [result for _, result in pool.run(split(Cell(config()), 2, 2))] == [[0, 2]]
+    path, environment, pid = pool.call(path_and_environment, config(), [0])
+    assert path[:2] == [TESTS, str(tmp_path)]
+    assert pid != os.getpid()
+    assert environment.keys() >= os.environ.keys()
+    pool.close()
+    poll(ended([pid]), 10)
+
+
+def test_workers_die_with_a_parent_that_is_killed(tmp_path):
+    script = f"import sys; sys.path.insert(0, {TESTS!r}); from study_helpers import *; hanging_pool({str(tmp_path)!r})"
+    parent = subprocess.Popen([sys.executable, "-c", script], cwd=Path.cwd(), stderr=subprocess.DEVNULL)
+    try:
+        poll(lambda: len(list(tmp_path.glob("worker-*"))) == 2)
+        workers = [int(path.name.partition("-")[2]) for path in tmp_path.glob("worker-*")]
+        assert not ended(workers)()
+        parent.send_signal(signal.SIGKILL)
+        parent.wait(10)
+        poll(ended(workers), 10)
+    finally:
+        parent.kill()
+        parent.wait(10)

@@ -1,0 +1,88 @@
+"""LQG and the oracle: what is possible, and that every controller tends to it."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import mppi_belief as mb
+from helpers import Scalar, assert_mean, light_dark_problem
+from mppi_belief.simulate import seen
+
+TRIALS = jnp.arange(300)
+STEPS = 20
+
+
+def costs(problem: mb.Problem, controller: mb.Controller, filter: mb.Filter | None = None) -> np.ndarray:
+    """Realised costs (trials,), with the same noise for every controller."""
+
+    def trial(index):
+        return mb.metrics(problem, mb.simulate_trial(problem, filter or mb.EKF(), controller, 0, index)).cost
+
+    return np.asarray(jax.jit(lambda: jax.lax.map(trial, TRIALS, batch_size=50))())
+
+
+def expected_lqg_cost(s: Scalar, problem: mb.Problem) -> float:
+    """E[J] of the optimal feedback, by the value function: a textbook recursion of Riccati and Kalman, in NumPy."""
+    dt, F, B = problem.dt, 1 + s.a * problem.dt, s.b * problem.dt
+    Q_w, R_s = s.sigma_w**2 * dt, s.sigma_o**2 / dt
+    variances, corrections = [s.variance], []
+    for _ in range(STEPS):
+        predicted = F**2 * variances[-1] + Q_w
+        gain = predicted * s.c / (s.c**2 * predicted + R_s)
+        corrections.append(gain * s.c * predicted)  # variance of the mean's jump
+        variances.append(predicted - gain * s.c * predicted)
+    P, constant = s.q_T, 0.5 * s.q_T * variances[-1]
+    for k in reversed(range(STEPS)):
+        constant += 0.5 * P * corrections[k] + 0.5 * s.q * dt * variances[k]
+        P = s.q * dt + F**2 * P - (F * P * B) ** 2 / (s.R * dt + B**2 * P)
+    return 0.5 * P * s.mean**2 + constant
+
+
+def test_lqg_costs_what_the_value_function_says(scalar, x64):
+    problem = scalar.problem(STEPS)
+    assert_mean(costs(problem, mb.LQG()), expected_lqg_cost(scalar, problem))
+
+
+def test_ilqg_is_lqg_on_a_linear_quadratic_problem(scalar, x64):
+    problem = scalar.problem(STEPS)
+    receding = mb.LQG(horizon=12, charge="end")
+    found = costs(problem, mb.EKFiLQG(horizon=12, tolerance=1e-12))
+    np.testing.assert_allclose(found, costs(problem, receding), rtol=1e-8)
+
+
+@pytest.mark.parametrize("name", ["belief", "ce", "pipf"])
+def test_sampling_controllers_approach_lqg_as_samples_grow(name, scalar):
+    problem = scalar.problem(STEPS)
+    shared = {"horizon": STEPS, "temperature": scalar.temperature, "charge": "start"}
+
+    def excess(n_samples: int) -> np.ndarray:
+        if name == "pipf":
+            pipf = mb.PIPF(n_samples=max(n_samples // 100, 2), **shared)
+            return costs(problem, pipf, mb.ParticleFilter(100)) - costs(problem, mb.LQG())
+        evaluate = "mean" if name == "ce" else "belief"
+        return costs(problem, mb.MPPIBelief(n_samples, evaluate=evaluate, **shared)) - costs(problem, mb.LQG())
+
+    few, many = excess(40), excess(4000)
+    lqg = expected_lqg_cost(scalar, problem)
+    error = many.std(ddof=1) / np.sqrt(len(many))
+    # paired by trial: within 3 % of the optimum, the interval's upper end counted in
+    assert many.mean() + 3 * error < 0.03 * lqg, (many.mean() / lqg, error / lqg)
+    assert many.mean() > -4.5 * error  # nothing beats the optimum
+    paired = few - many
+    assert paired.mean() > 3 * paired.std(ddof=1) / np.sqrt(len(paired))
+
+
+def test_an_oracle_is_told_the_true_state_for_certain():
+    x, belief = jnp.array([1.0, 2.0]), mb.Belief(jnp.zeros(2), jnp.eye(2))
+    told = seen(mb.MPPIBelief(sees_state=True), belief, x)
+    np.testing.assert_array_equal(told.mean, x)
+    assert not told.cov.any()
+    assert seen(mb.MPPIBelief(), belief, x) is belief
+
+
+def test_seeing_the_state_is_worth_something():
+    problem = light_dark_problem()
+    ce = {"n_samples": 200, "control_std": 2.75, "evaluate": "mean"}
+    saved = costs(problem, mb.MPPIBelief(**ce)) - costs(problem, mb.MPPIBelief(**ce, sees_state=True))
+    assert saved.mean() > 4.5 * saved.std(ddof=1) / np.sqrt(len(saved))

@@ -1,0 +1,211 @@
+"""Results on disk: nothing is lost or half written, and what cannot be read is named."""
+
+import errno
+import math
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from cli_helpers import files_in
+from mppi_belief.study import results
+from mppi_belief.study.provenance import provenance
+from study_helpers import failed_row, row
+
+EXTREMES = [0.1 + 0.2, 5e-324, -0.0, 1.7976931348623157e308, -math.inf, math.nan, np.nextafter(1.0, 2.0), 1e22]
+
+
+def written(folder: Path, *rows: dict) -> Path:
+    """The part file of these rows."""
+    before = set(folder.glob("part-*")) if folder.exists() else set()
+    results.write_rows(folder, rows, {"config": {}})
+    (path,) = set(folder.glob("part-*")) - before
+    return path
+
+
+def bits(values: list[float]) -> bytes:
+    return np.asarray(values, dtype=np.float64).tobytes()
+
+
+def test_numbers_come_back_bit_for_bit(tmp_path):
+    path = written(tmp_path, *(row(trial, cost=value) for trial, value in enumerate(EXTREMES)))
+    assert bits(results.read_rows(tmp_path)["cost"].tolist()) == bits(EXTREMES)
+    assert pq.read_table(path)["cost"].null_count == 0
+
+
+def test_text_booleans_and_nothing_come_back(tmp_path):
+    lost = failed_row({}, 1, "error", 'ValueError: "a", b\nc\t\u03b8')
+    path = written(tmp_path, row(0, collided=True), lost, row(2, collided=False))
+    (_, back, _) = pq.read_table(path).to_pylist()
+    assert (back["collided"], back["error"], back["steps"]) == (None, lost["error"], 0)
+    rows = results.read_rows(tmp_path)
+    assert [rows["collided"][0], rows["collided"][2]] == [True, False]
+    assert pd.isna(rows["collided"][1])
+    assert rows["status"].tolist() == ["ok", "error", "ok"]
+    assert pd.isna(rows["error"][0])
+    assert rows["trial"].tolist() == [0, 1, 2]
+
+
+def test_swept_settings_are_columns_of_their_own(tmp_path):
+    swept = {"controller.horizon": 7, "cost.bump_width": 0.1, "cost.goal": "[1, 2]", "system": "light_dark"}
+    path = written(tmp_path, row(0, **swept), row(1, **swept))
+    assert {key: pq.read_table(path)[key].to_pylist() for key in swept} == {key: [swept[key]] * 2 for key in swept}
+    written(tmp_path, row(2, **{"planner.horizon": 7}))
+    assert results.read_rows(tmp_path)["trial"].tolist() == [0, 1, 2]
+
+
+def test_a_file_says_where_it_comes_from(tmp_path):
+    said = {"config": {"seed": 3, "names": {"system": "s"}}, **provenance(["mppi-belief", "run", "theta=1"])}
+    results.write_rows(tmp_path, [row(0)], said)
+    (path,) = tmp_path.iterdir()
+    found = results.read_provenance(path)
+    assert found == {"format": results.FORMAT_VERSION, **said}
+    assert found["command"] == ["mppi-belief", "run", "theta=1"]
+    assert {"python", "jax", "numpy", "mppi-belief"} <= set(found["versions"])
+    assert set(found["threads"]) >= {"NPROC", "OMP_NUM_THREADS", "XLA_FLAGS"}
+    assert {"commit", "dirty", "platform", "processor", "started", "algorithm"} <= set(found)
+
+
+def test_trajectories_come_back_in_order_and_once(tmp_path):
+    def steps(trial: int) -> list[dict]:
+        arrays = {"state": [trial, 0.5], "mean": [1 / 3, 0], "cov": [1, 2, 3, 4], "control": [math.nan]}
+        return [
+            {"trial": trial, "step": k, **{key: np.array(value) * (k + 1) for key, value in arrays.items()}}
+            for k in range(3)
+        ]
+
+    results.write_paths(tmp_path, steps(1) + steps(4))
+    results.write_paths(tmp_path, steps(0))
+    results.write_paths(tmp_path, steps(0) + steps(1))
+    found = results.read_paths(tmp_path)
+    assert list(zip(found["trial"], found["step"], strict=True)) == [(t, k) for t in (0, 1, 4) for k in range(3)]
+    for expected, (_, got) in zip([*steps(0), *steps(1), *steps(4)], found.iterrows(), strict=True):
+        assert all(bits(got[key]) == bits(expected[key]) for key in ("state", "mean", "cov", "control"))
+
+
+def test_small_files_come_back_and_a_missing_or_broken_one_is_none(tmp_path):
+    content = {"seconds": [0.1, 1e-300], "text": "\u03b8"}
+    results.write_json(tmp_path, "timing", content)
+    assert results.read_json(tmp_path, "timing") == content
+    (tmp_path / "scene.json").write_text('{"dt": 0.')
+    assert results.read_json(tmp_path, "scene") is None
+    assert results.read_json(tmp_path, "nothing") is None
+
+
+def test_a_folder_without_results_has_no_rows(tmp_path):
+    for folder in (tmp_path, tmp_path / "missing"):
+        assert results.read_rows(folder).empty
+        assert results.read_paths(folder).empty
+        assert list(results.read_rows(folder)["trial"]) == []
+
+
+@pytest.mark.parametrize("old", [False, True])
+def test_a_failing_write_leaves_no_trace_and_the_old_file_as_it_was(old, tmp_path, monkeypatch):
+    if old:
+        written(tmp_path, row(0))
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+
+    def full_disk(table: pa.Table, path: Path, **options: str) -> None:
+        path.write_bytes(b"PAR1 and some more")
+        raise OSError(errno.ENOSPC, "No space left on device", str(path))
+
+    monkeypatch.setattr(pq, "write_table", full_disk)
+    with pytest.raises(OSError, match="No space left"):
+        results.write_rows(tmp_path, [row(0, cost=99.0)], {})
+    with pytest.raises(OSError, match="No space left"):
+        results.write_paths(tmp_path, [{"trial": 0, "step": 0, "state": np.zeros(2)}])
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
+
+
+def test_leftovers_of_a_killed_writer_are_ignored(tmp_path):
+    path = written(tmp_path, row(0))
+    (tmp_path / f".tmp-99999-{path.name}").write_bytes(path.read_bytes()[:40])
+    warnings: list[str] = []
+    assert results.read_rows(tmp_path, warnings.append)["trial"].tolist() == [0]
+    assert warnings == []
+
+
+def test_of_a_trial_found_twice_the_good_row_counts(tmp_path):
+    bad = failed_row({}, 1, "crashed", "gone")
+    written(tmp_path, bad, row(2, cost=5.0))
+    written(tmp_path, row(1, cost=7.0), row(3), row(4))
+    written(tmp_path, failed_row({}, 3, "error", "oh"), failed_row({}, 5, "error", "oh"))
+    rows = results.read_rows(tmp_path)
+    assert rows["trial"].tolist() == [1, 2, 3, 4, 5]
+    assert rows["status"].tolist() == ["ok"] * 4 + ["error"]
+    assert rows["cost"].tolist()[:2] == [7.0, 5.0]
+    assert set(rows.columns) == set(row(0))
+
+
+def test_what_is_no_results_file_is_named_and_left_out(tmp_path):
+    whole = written(tmp_path, row(0), row(1))
+    (tmp_path / "part-empty.parquet").touch()
+    (tmp_path / "part-torn.parquet").write_bytes(whole.read_bytes()[:-20])
+    (tmp_path / "part-noise.parquet").write_bytes(b"PAR1" + bytes(range(256)) + b"PAR1")
+    pq.write_table(pa.table({"trial": [7], "note": ["not ours"]}), tmp_path / "part-foreign.parquet")
+    warnings: list[str] = []
+    assert results.read_rows(tmp_path, warnings.append)["trial"].tolist() == [0, 1]
+    for name in ("empty", "torn", "noise", "foreign"):
+        (line,) = [line for line in warnings if f"part-{name}.parquet" in line]
+        assert "left out" in line
+        assert len(line.splitlines()) == 1
+    assert len(warnings) == 4
+
+
+def test_a_place_that_can_be_written_is_made_and_left_empty(tmp_path):
+    results.probe(tmp_path / "a" / "b")
+    assert files_in(tmp_path / "a" / "b") == []
+    with pytest.raises(OSError):
+        results.probe(Path("/dev/null/x"))
+
+
+def table(**changes: object) -> pd.DataFrame:
+    return pd.DataFrame([row(0) | changes, row(1), failed_row({}, 2, "error", "oh")])
+
+
+OTHERS = {
+    "trial": 5,
+    "seed": 1,
+    "status": "diverged",
+    "controller": "ce",
+    "theta": 0.0,
+    "w_obs": 501.0,
+    "cost": np.nextafter(3.0, 4),
+    "running_cost": np.nextafter(2.0, 0),
+    "terminal_cost": -1.0,
+    "collided": True,
+    "clearance": math.nan,
+    "final_distance": math.inf,
+    "ess": 8.5,
+    "steps": 4,
+    "error": "oh",
+}
+
+
+@pytest.mark.parametrize("column", OTHERS)
+def test_the_hash_changes_with_any_value(column):
+    assert set(OTHERS) == set(row(0))
+    assert results.result_hash(table(**{column: OTHERS[column]})) != results.result_hash(table())
+
+
+def test_the_hash_tells_a_zero_from_a_negative_zero_and_a_text_from_its_beginning():
+    assert results.result_hash(table(cost=0.0)) != results.result_hash(table(cost=-0.0))
+    assert results.result_hash(table(error="a,b")) != results.result_hash(table(error="a"))
+
+
+def test_the_hash_tells_an_empty_text_from_none():
+    assert results.result_hash(table(error="")) != results.result_hash(table(error=None))
+
+
+def test_the_hash_does_not_depend_on_order_files_or_other_columns(tmp_path):
+    rows = [row(trial, cost=value, horizon=7) for trial, value in enumerate(EXTREMES)]
+    rows.append(failed_row({}, 9, "error", "oh") | {"horizon": 7})
+    written(tmp_path / "a", *rows)
+    written(tmp_path / "b", *rows[5:])
+    written(tmp_path / "b", *rows[:5][::-1])
+    hashes = {results.result_hash(results.read_rows(tmp_path / name)) for name in "ab"}
+    hashes.add(results.result_hash(pd.DataFrame(rows[::-1])))
+    assert len(hashes) == 1

@@ -1,0 +1,89 @@
+"""Types and ranges of a configuration, and numbers that are not finite, wherever they hide."""
+
+import copy
+import math
+from typing import Any
+
+import pytest
+
+from mppi_belief.settings import ConfigError, check, unknown_key
+
+
+def settings(**changes: Any) -> dict[str, Any]:
+    top = {"theta": 1.0, "w_obs": 500.0, "seed": 0, "n_trials": 10, "workers": 2, "precision": "float32"}
+    planner = {"n_samples": 16, "horizon": 4, "temperature": 1.0, "control_std": None}
+    groups: dict[str, Any] = {group: {} for group in ("problem", "system", "cost", "filter", "controller")}
+    return {**top, "results_dir": "outputs", "planner": planner, **groups, **changes}
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("theta", 0),
+        ("theta", 1e300),
+        ("w_obs", 0.0),
+        ("seed", 0),
+        ("seed", 2**31 - 1),
+        ("n_trials", 1),
+        ("n_trials", 10**7),
+        ("workers", 1),
+        ("precision", "float64"),
+        ("system", {"drift": -1e300, "centers": [[]], "note": "nan"}),
+    ],
+)
+def test_what_is_in_range_passes_and_stays_as_it_is(key, value):
+    given = settings(**{key: value})
+    before = copy.deepcopy(given)
+    check(given)
+    assert given == before
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "reason"),
+    [
+        ("theta", -1e-9, "at least 0"),
+        ("theta", math.nan, "finite"),
+        ("theta", math.inf, "finite"),
+        ("w_obs", -5.0, "at least 0"),
+        ("w_obs", -math.inf, "finite"),
+        ("seed", -1, "at least 0"),
+        ("seed", 2**31, "at most"),
+        ("n_trials", 0, "at least 1"),
+        ("n_trials", 10**7 + 1, "at most"),
+        ("workers", 0, "at least 1"),
+        ("workers", 1025, "at most 1024"),
+        ("precision", "float16", "one of float32, float64"),
+        ("results_dir", "", "name a folder"),
+        ("results_dir", "  ", "name a folder"),
+    ],
+)
+def test_what_is_out_of_range_is_refused_by_name_in_one_line(key, value, reason):
+    with pytest.raises(ConfigError, match=rf"^{key}\b.*{reason}") as caught:
+        check(settings(**{key: value}))
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("number", [math.nan, math.inf, -math.inf])
+@pytest.mark.parametrize(
+    ("group", "wrap", "path"),
+    [
+        ("system", lambda x: {"light": x}, r"system\.light="),
+        ("cost", lambda x: {"obstacles": {"centers": [[1.0, 2.0], [3.0, x]]}}, r"cost\.obstacles\.centers="),
+        ("planner", lambda x: {"temperature": x}, r"planner\.temperature="),
+        ("controller", lambda x: {"a": [{"b": x}]}, r"controller\.a\.b="),
+    ],
+)
+def test_a_number_that_is_not_finite_is_found_however_deep(number, group, wrap, path):
+    with pytest.raises(ConfigError, match=f"^{path}.*finite"):
+        check(settings(**{group: wrap(number)}))
+
+
+@pytest.mark.parametrize("key", ["foo", "thetta", "hydra", "names"])
+def test_unknown_keys_are_refused(key):
+    with pytest.raises(ConfigError, match=f"unknown key '{key}'"):
+        check(settings(**{key: 1}))
+
+
+def test_a_misspelt_key_gets_the_nearest_known_one():
+    assert unknown_key("thetta", ["w_obs", "theta"]) == "unknown key 'thetta'; did you mean 'theta'?"
+    assert unknown_key("xyz", ["w_obs", "theta"]) == "unknown key 'xyz'; see mppi-belief run --help"
