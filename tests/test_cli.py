@@ -1,5 +1,6 @@
 """The command line: bad input in one line and nothing on disk, what it prints, what it composes."""
 
+import errno
 import json
 import re
 import shlex
@@ -13,6 +14,7 @@ from omegaconf import OmegaConf
 import mppi_belief
 from cli_helpers import CONF, SMALL, Said, call, collect, command, files_in, python
 from mppi_belief.settings import Planner, Settings
+from mppi_belief.study import results
 
 BAD = [
     "run theta=abc",
@@ -43,6 +45,7 @@ BAD = [
     "rum theta=1",
     "--theta",
     "''",
+    "-sc",
 ]
 
 
@@ -76,6 +79,16 @@ def test_a_results_dir_that_cannot_be_made_or_written_is_exit_code_74(mppi_belie
         assert (said.code, said.out) == (74, "")
         assert re.fullmatch(rf"mppi-belief: cannot write results: .*{target}.*\n", said.err)
     assert files_in(tmp_path) == ["taken"]
+
+
+def test_a_full_disk_is_exit_code_74_and_said_in_words(mppi_belief_command, monkeypatch):
+    def full(root: Path) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(results, "probe", full)
+    said = mppi_belief_command("run", *SMALL)
+    assert said.code == 74
+    assert re.fullmatch(r"mppi-belief: cannot write results: No space left on device\S*\n", said.err)
 
 
 def test_a_forgotten_run_is_suggested(mppi_belief_command):
@@ -147,7 +160,6 @@ def test_sweeps_need_no_m_and_multiply():
     weights = [100, 250, 500, 1000, 2500, 5000, 10000]
     found = sorted((config["names"]["controller"], config["w_obs"]) for config in configs)
     assert found == [(name, weight) for name in ("belief", "ce") for weight in weights]
-    assert len(collect("-m", "theta=0,1", "controller=belief,ce")) == 4
 
 
 def test_swept_settings_are_labels_and_what_does_not_change_a_trial_is_not():
@@ -205,6 +217,7 @@ def test_a_users_own_controller_runs_from_a_yaml_and_a_module_beside_it(tmp_path
     assert said.code == 0, said.err
     assert "3 trials run, 0 found done" in said.out
     assert re.search(r"^\s*proportional\b", said.out, re.MULTILINE)
+    assert (files_in(away), files_in(away / "outputs")) == (["outputs"], ["results"])
     (cell,) = (away / "outputs" / "results").iterdir()
     assert cell.name.startswith("proportional-")
     assert len(json.loads((cell / "timing.json").read_text())["seconds"]) == 200

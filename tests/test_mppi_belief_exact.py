@@ -15,9 +15,9 @@ import reference
 from helpers import SIGMAS, Scalar, assert_mean
 from mppi_belief.belief import prior
 
-KEYS = 200
+KEYS, SAMPLES = 200, 6000
 INNOVATION = {"diffusion": "innovation", "schedule": "riccati", "antithetic": False}
-MATCHED = {"diffusion": "matched", "control_std": None}
+MATCHED = {"diffusion": "matched", "control_std": None, "antithetic": True}
 
 
 def controller(s: Scalar, n_samples: int, horizon: int, **options) -> mb.MPPIBelief:
@@ -57,13 +57,13 @@ def continuous(s: Scalar) -> float:
     ],
 )
 def test_the_control_is_the_exact_expectation(options, slope, scalar, x64):
-    """To a standard error of 0.2 %."""
-    assert_mean(sample(scalar, KEYS, n_samples=10_000, slope=slope, **options), exact(scalar))
+    """To a standard error of 0.25 %."""
+    assert_mean(sample(scalar, KEYS, n_samples=SAMPLES, slope=slope, **options), exact(scalar))
 
 
 def test_innovation_and_matched_sampling_are_then_the_same(scalar, x64):
     innovation, matched = (
-        sample(scalar, KEYS, n_samples=10_000, **options) for options in (INNOVATION, MATCHED | {"antithetic": False})
+        sample(scalar, KEYS, n_samples=SAMPLES, **options) for options in (INNOVATION, MATCHED | {"antithetic": False})
     )
     # the factor of a scalar D is its root, so even the samples are the same
     np.testing.assert_allclose(innovation, matched, rtol=1e-8)
@@ -73,26 +73,23 @@ def test_a_wrong_nominal_without_its_girsanov_term_would_show(scalar, x64):
     """That the agreement above is the term's doing: alpha = 1 leaves it out."""
     deviation = np.sqrt(scalar.temperature / scalar.R * 10 / scalar.duration)
     with_term, without = (
-        sample(scalar, KEYS, n_samples=10_000, slope=-1.5, control_std=deviation, alpha=alpha) for alpha in (0.0, 1.0)
+        sample(scalar, KEYS, n_samples=SAMPLES, slope=-1.5, control_std=deviation, alpha=alpha, antithetic=True)
+        for alpha in (0.0, 1.0)
     )
     assert_mean(with_term, exact(scalar))
     assert abs(without.mean() - exact(scalar)) > 20 * without.std() / np.sqrt(KEYS)
 
 
-def test_the_spread_falls_with_the_root_of_the_number_of_samples(scalar, x64):
-    spreads = [sample(scalar, KEYS, n_samples=n, **MATCHED).std(ddof=1) for n in (100, 10_000)]
-    # standard error of the log of a ratio of two sample deviations
-    error = np.sqrt(1 / (KEYS - 1))
-    assert abs(np.log(spreads[0] / spreads[1]) - np.log(100) / 2) < SIGMAS * error
-
-
-def test_the_bias_of_few_samples_falls_with_their_number(scalar, x64):
-    """Of order 1 / N for a ratio of two averages: seen at N = 10, a tenth of it at most at N = 100."""
-    few, more = (sample(scalar, keys, n_samples=n, **MATCHED) for n, keys in ((10, 10_000), (100, 4000)))
-    biases = [u.mean() - exact(scalar) for u in (few, more)]
-    errors = [u.std(ddof=1) / np.sqrt(len(u)) for u in (few, more)]
+def test_bias_and_spread_fall_with_the_number_of_samples(scalar, x64):
+    """The spread as 1 / sqrt(N); the bias of a ratio of averages as 1 / N, seen at N = 10, a tenth at N = 100."""
+    runs = [sample(scalar, keys, n_samples=n, **MATCHED) for n, keys in ((10, 4000), (100, 4000), (SAMPLES, KEYS))]
+    biases, spreads = [u.mean() - exact(scalar) for u in runs], [u.std(ddof=1) for u in runs]
+    errors = [spread / np.sqrt(len(u)) for spread, u in zip(spreads, runs, strict=True)]
     assert biases[0] > SIGMAS * errors[0]
     assert abs(biases[1]) < 0.1 * biases[0] + SIGMAS * np.hypot(errors[1], 0.1 * errors[0])
+    # standard error of the log of a ratio of two sample deviations
+    error = np.sqrt(0.5 / len(runs[1]) + 0.5 / len(runs[2]))
+    assert abs(np.log(spreads[1] / spreads[2]) - 0.5 * np.log(SAMPLES / 100)) < SIGMAS * error
 
 
 def test_the_exact_discrete_control_tends_to_lqg_at_first_order(scalar):
@@ -102,7 +99,7 @@ def test_the_exact_discrete_control_tends_to_lqg_at_first_order(scalar):
 
 def test_the_control_tends_to_lqg(scalar, x64):
     """Richardson: the first-order error in dt taken off from two horizons, what remains is known exactly."""
-    coarse, fine = (sample(scalar, KEYS, n_samples=10_000, horizon=H, **MATCHED) for H in (10, 20))
+    coarse, fine = (sample(scalar, KEYS, n_samples=SAMPLES, horizon=H, **MATCHED) for H in (10, 20))
     found = 2 * fine.mean() - coarse.mean()
     error = np.hypot(2 * fine.std(), coarse.std()) / np.sqrt(KEYS)
     remainder = abs(2 * exact(scalar, 20) - exact(scalar, 10) - continuous(scalar))

@@ -35,8 +35,7 @@ def test_one_certain_particle_gives_the_control_of_ce_mppi(combine, light_dark, 
 def increments_and_costs(problem: mb.Problem, belief: ParticleBelief, n_samples: int):
     """Path costs (K, L) and first increments (K, L, nu), by a plain loop over the paths the controller draws."""
     count = belief.particles.shape[1] * n_samples
-    half = jax.random.normal(KEY, (10, 2, (count + 1) // 2))
-    deltas = SHARED["control_std"] * np.concatenate([half, -half], axis=-1)[..., :count]
+    deltas = SHARED["control_std"] * np.asarray(jax.random.normal(KEY, (10, 2, count)))
     costs = np.zeros(count)
     for i in range(count):
         x = np.asarray(belief.particles[:, i // n_samples])

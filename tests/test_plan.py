@@ -67,7 +67,7 @@ def test_what_does_not_change_a_trial_does_not_change_the_cell(change, default_i
         "precision=float64",
         "planner.horizon=29",
         "planner.temperature=2",
-        "controller.antithetic=false",
+        "controller.schedule=riccati",
         "system.light=4.5",
         "system.obstacles.centers=[[3.0,1.0]]",
         "problem.steps=59",

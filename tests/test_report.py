@@ -9,6 +9,7 @@ import matplotlib as mpl
 import numpy as np
 import pandas as pd
 import pytest
+from matplotlib.figure import Figure
 from matplotlib.image import imread
 from scipy import stats
 
@@ -154,15 +155,29 @@ def test_pictures_of_the_plane_and_of_a_line_over_time(scene, nx, shape, tmp_pat
     assert settings() == before
 
 
+def legend(figure: Figure) -> list[str]:
+    return [text.get_text() for text in figure.legends[0].get_texts()]
+
+
 def test_a_picture_shows_every_path_and_says_which_collide():
-    axes = figures.trajectories(pd.DataFrame(paths(3, 4)), plane([[3, 1]]), {1}, "").axes[0]
+    figure = figures.trajectories(pd.DataFrame(paths(3, 4)), plane([[3, 1]]), {1}, "")
+    axes = figure.axes[0]
     drawn = [line for line in axes.lines if len(line.get_xdata()) == 4]
     assert [line.get_color() for line in drawn] == [figures.BLUE, figures.ORANGE, figures.BLUE]
     np.testing.assert_allclose(drawn[2].get_xydata(), np.repeat(2 + 0.1 * np.arange(4)[:, None], 2, axis=1))
-    assert {"2 paths", "1 that collide", "start", "goal"} <= set(axes.get_legend_handles_labels()[1])
+    assert legend(figure) == ["start", "goal", "2 paths", "1 that collide"]
     (low, high), (bottom, top) = axes.get_xlim(), axes.get_ylim()
     assert low < 1 < 7 < high
     assert bottom < 0 < 2.3 < top
+    assert legend(figures.trajectories(pd.DataFrame(paths(3, 4)), plane([]), set(), "")) == ["start", "goal", "3 paths"]
+
+
+def test_pictures_can_be_compared_on_one_scale():
+    runs = [figures.Run(pd.DataFrame(paths(n, 4)), plane([[3, 1]]), set(), f"{n} trials") for n in (1, 2, 12)]
+    panels = figures.compare(runs).axes[:4]
+    assert [axes.get_title() for axes in panels if axes.get_visible()] == ["1 trials", "2 trials", "12 trials"]
+    assert len({axes.get_xlim() for axes in panels[:3]}) == 1
+    assert panels[0].get_xlim()[1] > 11.3
 
 
 def stored(root: Path, *table: dict[str, Any], **cell: Any) -> Cell:

@@ -1,5 +1,6 @@
 """A study: what is done stays done, what fails is written down, and nothing starts before everything is checked."""
 
+import errno
 import json
 import multiprocessing
 import signal
@@ -120,6 +121,24 @@ def test_a_place_that_cannot_be_written_stops_a_study_before_it_runs(tmp_path):
     study = Study(tmp_path / "file")
     with pytest.raises(OSError, match=r"exists|Not a directory"):
         study.run(Cell(config()))
+
+
+def test_a_disk_that_fills_up_ends_a_study_and_its_workers_and_keeps_what_was_written(study, monkeypatch):
+    cell, write, calls = Cell(config()), results.write_rows, []
+
+    def write_rows(*args: Any) -> None:
+        calls.append(args)
+        if len(calls) > 1:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        write(*args)
+
+    monkeypatch.setattr(results, "write_rows", write_rows)
+    with pytest.raises(OSError, match="No space left"):
+        study.run(cell, n_trials=50)
+    assert multiprocessing.active_children() == []
+    monkeypatch.undo()
+    assert len(study.rows(cell)) == 10
+    assert study.run(cell, n_trials=50) == Outcome({cell.id: 40}, {cell.id: 10}, None)
 
 
 def test_a_torn_file_costs_its_trials_only(study, capsys):

@@ -25,6 +25,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from .discretise import euler_step
+from .noise import standard_normal
 from .problem import Problem
 
 
@@ -37,8 +38,8 @@ def control_map(G: Array, R: Array) -> Array:
 def normals(key: Array, shape: tuple[int, int, int], antithetic: bool) -> Array:
     """Standard normals (H, dim, N), the second half of the samples the mirror image of the first if antithetic."""
     if not antithetic:
-        return jax.random.normal(key, shape)
-    half = jax.random.normal(key, (*shape[:2], (shape[2] + 1) // 2))
+        return standard_normal(key, shape)
+    half = standard_normal(key, (*shape[:2], (shape[2] + 1) // 2))
     return jnp.concatenate([half, -half], axis=-1)[..., : shape[2]]
 
 

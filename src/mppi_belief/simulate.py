@@ -13,6 +13,7 @@ from jax import Array
 from .belief import prior
 from .discretise import euler_step, measurement_factor
 from .linalg import psd_factor, quadratic_form
+from .noise import standard_normal
 from .problem import Belief, Controller, Filter, Problem
 
 PLANT, FILTER, PLANNER = range(3)
@@ -87,17 +88,17 @@ def respond(
 def draw_state(problem: Problem, key: Array) -> Array:
     """A state (nx,) from the prior."""
     mean, cov = prior(problem)
-    return mean + psd_factor(cov)[0] @ jax.random.normal(key, mean.shape)
+    return mean + psd_factor(cov)[0] @ standard_normal(key, mean.shape)
 
 
 def plant_step(problem: Problem, x: Array, u: Array, key: Array) -> tuple[Array, Array]:
     """The true state (nx,) after control u (nu,), and the measurement (ny,) taken there."""
     system, dt = problem.system, problem.dt
     state_key, sensor_key = jax.random.split(key)
-    w = jax.random.normal(state_key, (system.H.shape[1],))
+    w = standard_normal(state_key, (system.H.shape[1],))
     x = euler_step(system, x, u, dt) + system.H @ w * jnp.sqrt(dt)
     factor = measurement_factor(system, x, dt)
-    return x, system.c(x) + factor @ jax.random.normal(sensor_key, (factor.shape[1],))
+    return x, system.c(x) + factor @ standard_normal(sensor_key, (factor.shape[1],))
 
 
 def metrics(problem: Problem, trial: Trial) -> Metrics:

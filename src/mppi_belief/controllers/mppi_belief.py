@@ -50,7 +50,7 @@ class MPPIBelief:
     temperature: float = number(1.0, gt=0)
     control_std: float | None = number(None, gt=0, optional=True)
     alpha: float | None = number(None, ge=0, le=1, optional=True)
-    antithetic: bool = choice(True, False)
+    antithetic: bool = choice(False, True)
     diffusion: str = choice("matched", "innovation")
     evaluate: str = choice("belief", "mean")
     theta: float = number(0.0, ge=0)

@@ -41,7 +41,7 @@ class PIPF:
     temperature: float = number(1.0, gt=0)
     control_std: float | None = number(None, gt=0, optional=True)
     alpha: float | None = number(None, ge=0, le=1, optional=True)
-    antithetic: bool = choice(True, False)
+    antithetic: bool = choice(False, True)
     combine: str = choice("average", "pooled")
     charge: str = choice("end", "start")
 

@@ -15,6 +15,7 @@ from jax import Array
 from ..belief import prior
 from ..discretise import euler_step, measurement_cov
 from ..linalg import log_det_spd, psd_factor, quadratic_form, spd_inverse, symmetrise
+from ..noise import standard_normal
 from ..problem import Problem
 from ..pytree import number, size, struct
 
@@ -38,14 +39,14 @@ class ParticleFilter:
     def init(self, problem: Problem, key: Array) -> ParticleBelief:
         """Draws of the prior, equally weighted."""
         mean, cov = prior(problem)
-        normals = jax.random.normal(key, (len(mean), self.n_particles))
+        normals = standard_normal(key, (len(mean), self.n_particles))
         return summarised(mean[:, None] + psd_factor(cov)[0] @ normals, jnp.zeros(self.n_particles))
 
     def update(self, problem: Problem, belief: ParticleBelief, u: Array, y: Array, key: Array) -> ParticleBelief:
         """Move every particle, weigh it by the measurement, resample where needed."""
         system, dt = problem.system, problem.dt
         noise_key, resampling_key = jax.random.split(key)
-        normals = jax.random.normal(noise_key, (system.H.shape[1], self.n_particles))
+        normals = standard_normal(noise_key, (system.H.shape[1], self.n_particles))
         moved = jax.vmap(lambda x: euler_step(system, x, u, dt), in_axes=-1, out_axes=-1)(belief.particles)
         moved = moved + system.H @ normals * jnp.sqrt(dt)
         log_weights = belief.log_weights + jax.vmap(lambda x: log_likelihood(problem, x, y), in_axes=-1)(moved)
