@@ -1,11 +1,13 @@
 """The command line, called in this process or in one of its own."""
 
+import copy
 import os
 import signal
 import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -54,6 +56,11 @@ def call(cwd: Path, capsys: pytest.CaptureFixture[str], *args: str, **env: str) 
 
 def collect(*args: str) -> list[dict[str, Any]]:
     """The configurations that `mppi-belief run ARGS` would run."""
+    return copy.deepcopy(_collected(args))
+
+
+@cache
+def _collected(args: tuple[str, ...]) -> list[dict[str, Any]]:
     with restored():
         return cli.collect(args)
 

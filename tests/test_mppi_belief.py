@@ -9,7 +9,7 @@ import pytest
 from jax import Array
 
 import mppi_belief as mb
-from helpers import assert_covariance, light_dark_problem, quick_jit, random_spd
+from helpers import assert_covariance, light_dark_problem, quick_jit
 from mppi_belief import belief_cost
 from mppi_belief.belief import gain_schedule, prior
 from mppi_belief.controllers.mppi_belief import PlanInfo
@@ -98,7 +98,7 @@ def test_at_zero_temperature_the_best_sample_is_taken(light_dark, x64):
     np.testing.assert_allclose(info.ess, 1, rtol=1e-9)
 
 
-@pytest.mark.parametrize("count", [1, 7, 8])
+@pytest.mark.parametrize("count", [7, 8])
 def test_antithetic_normals_are_mirrored_for_even_and_odd_counts(count):
     controller = mb.MPPIBelief(n_samples=count, horizon=3, antithetic=True)
     normals = controller._normals(KEY, 2)
@@ -108,67 +108,35 @@ def test_antithetic_normals_are_mirrored_for_even_and_odd_counts(count):
     assert len(np.unique(normals[..., :half])) == 6 * half
 
 
-@pytest.mark.parametrize("count", [1, 7])
-def test_few_and_odd_samples_give_a_control(count, light_dark):
-    u, _, info = act(replace(SMALL, n_samples=count), light_dark)
+def test_an_odd_number_of_samples_gives_a_control_in_float32(light_dark):
+    u, _, info = act(replace(SMALL, n_samples=7), light_dark)
+    assert u.dtype == np.float32
     assert np.all(np.isfinite(u))
-    assert 1 - 1e-6 <= info.ess <= count + 1e-6
+    assert 1 - 1e-6 <= info.ess <= 7 + 1e-6
 
 
 def test_mirrored_samples_leave_a_symmetric_problem_alone(x64):
     """At rest at the goal, a sample and its mirror image cost the same."""
     problem = light_dark_problem(cost={"w_obs": 0}, prior_mean=[7, 0, 0, 0])
-    mirrored, plain = (act(replace(SMALL, antithetic=a), problem)[0] for a in (True, False))
-    np.testing.assert_allclose(mirrored, 0, atol=1e-12)
-    assert np.abs(plain).max() > 1e-3
-
-
-def test_matched_sampling_has_the_covariance_lambda_r_inverse_over_dt(x64, rng):
-    R = random_spd(rng, 2, 0.05, 1.0)
-    problem = light_dark_problem(cost={"control_weight": R})
-    for antithetic in (True, False):
-        controller = mb.MPPIBelief(n_samples=2000, horizon=5, temperature=0.7, antithetic=antithetic)
-        increments, disturbance = controller._sample(problem, None, KEY)
-        assert disturbance is None
-        independent = np.asarray(increments[..., :1000] if antithetic else increments)
-        assert_covariance(np.moveaxis(independent, 1, -1).reshape(-1, 2), 0.7 * np.linalg.inv(R) / 0.1)
-
-
-def test_a_fixed_control_deviation_ignores_r(x64, rng):
-    problem = light_dark_problem(cost={"control_weight": random_spd(rng, 2)})
-    controller = mb.MPPIBelief(n_samples=2000, horizon=5, control_std=2.75, antithetic=False)
-    increments, _ = controller._sample(problem, None, KEY)
-    assert_covariance(np.moveaxis(np.asarray(increments), 1, -1).reshape(-1, 2), 2.75**2 * np.eye(2))
+    u, plan, info = act(replace(SMALL, temperature=0.1), problem)
+    np.testing.assert_allclose(u, 0, atol=1e-12)
+    np.testing.assert_allclose(plan, 0, atol=1e-12)
+    assert info.ess < 31  # though their weights are not the same
 
 
 def test_innovation_samples_have_the_covariance_of_the_diffusion(light_dark, x64):
     controller = mb.MPPIBelief(n_samples=5000, horizon=3, diffusion="innovation", antithetic=False)
-    schedule = gain_schedule(light_dark, prior(light_dark), controller.init(light_dark))
-    increments, disturbance = controller._sample(light_dark, schedule, KEY)
+
+    @quick_jit
+    def sample(problem: mb.Problem) -> tuple[Array, Array | None, Array]:
+        schedule = gain_schedule(problem, prior(problem), controller.init(problem))
+        return *controller._sample(problem, schedule, KEY), schedule.diffusion
+
+    increments, disturbance, diffusion = sample(light_dark)
     for k in range(3):
-        assert_covariance(np.asarray(disturbance[k]).T, np.asarray(schedule.diffusion[k]) * 0.1)
+        assert_covariance(np.asarray(disturbance[k]).T, np.asarray(diffusion[k]) * 0.1)
         # the control that would do the same to the velocities
         np.testing.assert_allclose(increments[k] * 0.1, disturbance[k, 2:], atol=1e-12)
-
-
-def test_the_exact_importance_term_is_alpha_zero(x64, rng):
-    """S_u = lambda R^-1 / dt: the default and Williams' formula agree."""
-    problem = light_dark_problem(cost={"control_weight": [0.05, 0.05]})
-    deviation = np.sqrt(3.0 / 0.05 / problem.dt)
-    controller = replace(SMALL, temperature=3.0, control_std=deviation)
-    plan = rng.normal(size=(6, 2))
-    default, exact, free, matched = (
-        act(c, problem, plan)[0]
-        for c in (
-            controller,
-            replace(controller, alpha=0.0),
-            replace(controller, alpha=1.0),
-            replace(controller, control_std=None),
-        )
-    )
-    np.testing.assert_allclose(default, exact, rtol=1e-10)
-    np.testing.assert_allclose(default, matched, rtol=1e-10)
-    assert np.abs(default - free).max() > 1e-3
 
 
 def test_the_same_key_gives_the_same_control_and_another_one_another(light_dark, x64):

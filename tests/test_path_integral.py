@@ -8,10 +8,11 @@ from jax import Array
 
 import mppi_belief as mb
 import reference
-from helpers import SIGMAS, Scalar, light_dark_problem, random_spd
+from helpers import SIGMAS, Scalar, assert_covariance, light_dark_problem, quick_jit, random_spd
 from mppi_belief import path_integral as pi
 
 DT = 0.1
+rollouts = quick_jit(pi.rollouts)
 
 
 @pytest.mark.parametrize(("n", "m"), [(1, 1), (4, 2), (3, 3), (5, 1)])
@@ -79,6 +80,36 @@ def test_a_receded_nominal_ends_without_control(rng):
     np.testing.assert_array_equal(pi.receded(nominal), np.vstack([nominal[1:], np.zeros((1, 2))]))
 
 
+def test_normals_are_standard(x64):
+    plain = pi.normals(jax.random.key(0), (20, 2, 500), antithetic=False)
+    assert_covariance(np.moveaxis(np.asarray(plain), 1, -1).reshape(-1, 2), np.eye(2))
+
+
+def test_matched_increments_have_the_covariance_lambda_r_inverse_over_dt(x64, rng):
+    """Unit vectors in place of the normals: the increments are the columns of the factor itself."""
+    R, temperature = random_spd(rng, 2, 0.05, 1.0), 0.7
+    problem, units = light_dark_problem(cost={"control_weight": R}), jnp.eye(2)[None]
+    factor = pi.matched_increments(problem, units, temperature, None)[0]
+    np.testing.assert_allclose(factor @ factor.T, temperature * np.linalg.inv(R) / DT, rtol=1e-12)
+    G = problem.system.G(jnp.zeros(4))
+    matched = temperature * G @ np.linalg.inv(R) @ G.T
+    np.testing.assert_allclose(G @ factor @ factor.T @ G.T * DT, matched, rtol=1e-12)
+    np.testing.assert_array_equal(pi.matched_increments(problem, units, temperature, 2.75)[0], 2.75 * np.eye(2))
+
+
+def test_the_exact_girsanov_weight_is_williams_formula_at_alpha_zero(x64):
+    """For S_u = lambda R^-1 / dt; gamma = lambda (1 - alpha) scales it down to nothing."""
+    problem, temperature = light_dark_problem(cost={"control_weight": [0.05, 0.05]}), 3.0
+    exact = pi.girsanov_weight(problem, temperature, None, None)
+    np.testing.assert_allclose(exact, 0.05 * DT * np.eye(2), rtol=1e-14)
+    deviation = np.sqrt(temperature / 0.05 / DT)
+    np.testing.assert_allclose(pi.girsanov_weight(problem, temperature, deviation, None), exact, rtol=1e-14)
+    for alpha in (0.0, 0.3, 1.0):
+        found = pi.girsanov_weight(problem, temperature, deviation, alpha)
+        np.testing.assert_allclose(found, (1 - alpha) * exact, rtol=1e-12, atol=1e-15)
+    np.testing.assert_allclose(pi.girsanov_weight(problem, 2.0, 4.0, 0.5), 2.0 * 0.5 / 16 * np.eye(2), rtol=1e-14)
+
+
 def test_girsanov_term_equals_a_loop(x64, rng):
     nominal, increments, W = rng.normal(size=(5, 2)), rng.normal(size=(5, 2, 7)), random_spd(rng, 2)
     found = pi.girsanov(nominal, increments, W)
@@ -127,9 +158,10 @@ def test_log_desirability_is_the_log_of_the_mean_weight(x64, rng):
     np.testing.assert_allclose(pi.log_desirability(costs + 1e8, 0.7), -1e8 / 0.7, rtol=1e-6)
 
 
-def assert_desirability(problem: mb.Problem, s: Scalar, means: Array, correction: Array | float) -> None:
-    """The Monte Carlo estimate of eq. (17) agrees with the exact Gaussian integral, to a standard error of 1 %."""
-    cost, steps, dt = problem.cost, problem.steps, problem.dt
+@quick_jit
+def costs_of_means(problem: mb.Problem, start: Array, means: Array) -> Array:
+    """S (N,) with q and phi taken at the mean."""
+    cost = problem.cost
 
     def running(mu: Array, cov: Array) -> Array:
         return cost.base(mu)
@@ -137,8 +169,13 @@ def assert_desirability(problem: mb.Problem, s: Scalar, means: Array, correction
     def terminal(mu: Array, cov: Array) -> Array:
         return cost.terminal(mu)
 
-    covs = jnp.zeros((steps + 1, 1, 1))
-    costs = pi.path_costs(problem, jnp.array([s.mean]), means, covs, "start", running, terminal) + correction
+    return pi.path_costs(problem, start, means, jnp.zeros((len(means) + 1, 1, 1)), "start", running, terminal)
+
+
+def assert_desirability(problem: mb.Problem, s: Scalar, means: Array, correction: Array | float) -> None:
+    """The Monte Carlo estimate of eq. (17) agrees with the exact Gaussian integral, to a standard error of 1 %."""
+    costs = costs_of_means(problem, jnp.array([s.mean]), means) + correction
+    steps, dt = problem.steps, problem.dt
     exact = reference.gaussian_paths(s.a, s.b, s.diffusion, s.q, s.q_T, s.mean, dt, steps, s.temperature).log_psi
     values = np.exp(-np.asarray(costs) / s.temperature)
     error = values.std() / values.mean() / np.sqrt(len(values))  # of the log of the mean
@@ -150,7 +187,7 @@ def test_feynman_kac_desirability_equals_the_exact_gaussian_integral(scalar, x64
     """Linear drift, quadratic costs: E exp(-S / lambda) over ten Gaussian increments of the belief mean."""
     problem, shape = scalar.problem(10), (10, 1, 100_000)
     push = jnp.sqrt(scalar.diffusion * problem.dt) * jax.random.normal(jax.random.key(3), shape)
-    means = pi.rollouts(problem, jnp.array([scalar.mean]), jnp.zeros(shape), push)
+    means = rollouts(problem, jnp.array([scalar.mean]), jnp.zeros(shape), push)
     assert_desirability(problem, scalar, means, 0.0)
 
 
@@ -160,7 +197,7 @@ def test_the_girsanov_term_makes_the_desirability_independent_of_the_nominal(sca
     nominal = jnp.linspace(-1.2, 0.5, 10)[:, None]
     deviation = jnp.sqrt(scalar.temperature / scalar.R / problem.dt)
     delta = deviation * jax.random.normal(jax.random.key(4), shape)
-    means = pi.rollouts(problem, jnp.array([scalar.mean]), nominal[:, :, None] + delta)
+    means = rollouts(problem, jnp.array([scalar.mean]), nominal[:, :, None] + delta)
     weight = problem.cost.R * problem.dt
     correction = pi.girsanov(nominal, delta, weight) + 0.5 * jnp.sum(nominal**2 * weight)
     assert_desirability(problem, scalar, means, correction)

@@ -84,7 +84,8 @@ def compose(args: Sequence[str], job: Callable[[Any], None]) -> None:
 
     ConfigStore.instance().store(name="schema", node=Settings)
     os.environ["HYDRA_FULL_ERROR"] = "1"  # exceptions come to us, not to Hydra's own printer
-    sys.argv = ["mppi-belief", *args]
+    flags = [arg for arg in args if arg in ("-m", "--multirun")]  # argparse wants them before or after all overrides
+    sys.argv = ["mppi-belief", *flags, *(arg for arg in args if arg not in flags)]
     said = io.StringIO()
     with tempfile.TemporaryDirectory(prefix="mppi-belief-") as scratch:
         os.environ["MPPI_BELIEF_SCRATCH"] = scratch  # Hydra writes multirun.yaml somewhere
