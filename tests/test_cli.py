@@ -161,6 +161,7 @@ def test_sweeps_need_no_m_and_multiply():
     weights = [100, 250, 500, 1000, 2500, 5000, 10000]
     found = sorted((config["names"]["controller"], config["w_obs"]) for config in configs)
     assert found == [(name, weight) for name in ("belief", "ce") for weight in weights]
+    assert len(collect("theta=1", "-m", "seed=0,1")) == 2
 
 
 def test_swept_settings_are_labels_and_what_does_not_change_a_trial_is_not():

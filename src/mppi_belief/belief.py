@@ -98,7 +98,8 @@ def gain_schedule(problem: Problem, belief: Belief, controls: Array, method: str
         after, gain, diffusion = step(problem, at, u)
         return after, (after, gain, diffusion)
 
-    _, (after, gain, diffusion) = jax.lax.scan(advance, belief, controls)
+    start = Belief(belief.mean, belief.cov)  # a filter's belief may hold more
+    _, (after, gain, diffusion) = jax.lax.scan(advance, start, controls)
     mean = jnp.concatenate([belief.mean[None], after.mean])
     cov = jnp.concatenate([belief.cov[None], after.cov])
     return GainSchedule(mean, cov, gain, diffusion)

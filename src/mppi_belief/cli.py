@@ -19,6 +19,7 @@ from . import __version__
 from .complaints import one_line
 from .settings import ConfigError, Settings
 from .settings import check as check_settings
+from .study.signals import held
 
 INPUT_ERROR, SOME_FAILED, CANNOT_WRITE = 2, 3, 74
 RUNTIME_KEYS = ("n_trials", "workers", "results_dir")  # they do not change what a trial is
@@ -41,7 +42,7 @@ def main() -> int:
     """Entry point of the `mppi-belief` command; returns its exit code."""
     args = sys.argv[1:]
     if any(arg in ("-sc", "--shell-completion") for arg in args):
-        return _complete(args)
+        return _guarded(lambda: _complete(args))
     if not args or args[0] in ("-h", "--help"):
         print(USAGE, end="")
         return 0
@@ -49,8 +50,9 @@ def main() -> int:
         print(f"mppi-belief {__version__}")
         return 0
     if args[0] == "run":
-        return _guarded(lambda: run(args[1:]))
-    guess = f"; did you mean `mppi-belief run {' '.join(args)}`?" if "=" in args[0] or args[0][0] == "-" else ""
+        with held():
+            return _guarded(lambda: run(args[1:]))
+    guess = f"; did you mean `mppi-belief run {' '.join(args)}`?" if "=" in args[0] or args[0].startswith("-") else ""
     return _complain(f"unknown command '{args[0]}'{guess or '; see mppi-belief --help'}", INPUT_ERROR)
 
 
@@ -61,7 +63,8 @@ def _guarded(command: Callable[[], int]) -> int:
     except ConfigError as error:
         return _complain(str(error), INPUT_ERROR)
     except OSError as error:
-        return _complain(f"cannot write results: {error.strerror or error}: {error.filename}", CANNOT_WRITE)
+        where = f": {error.filename}" if error.filename else ""
+        return _complain(f"cannot write results: {error.strerror or error}{where}", CANNOT_WRITE)
 
 
 def _complain(line: str, code: int) -> int:
@@ -116,6 +119,8 @@ def collect(args: Sequence[str]) -> list[dict[str, Any]]:
         configs.append(config)
         labels.append({"names": names, "swept": {key: names.get(key) or _scalar(config, key) for key in swept}})
 
+    if any(arg.startswith("sweep=") and "," in arg for arg in args):
+        raise ConfigError("sweep: choose one")
     compose(args, job)
     for config in configs:
         check_settings(config)

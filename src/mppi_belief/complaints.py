@@ -4,6 +4,7 @@ import re
 from dataclasses import fields
 from difflib import get_close_matches
 from pathlib import Path
+from typing import Any
 
 from omegaconf import OmegaConf
 
@@ -36,16 +37,20 @@ def _unknown_key(found: re.Match[str], conf: Path) -> str:
 
 
 def _known_keys(parent: str, conf: Path) -> list[str]:
-    """Keys and groups of the top level, or what the files of a group hold."""
+    """Keys and groups of the top level, or what the files under `conf` have below `parent`."""
     if not parent:
         groups = [entry.name for entry in conf.iterdir() if entry.is_dir()]
         return [*(setting.name for setting in fields(Settings)), *groups]
-    keys: list[str] = []
-    for path in conf.glob(f"{parent.partition('.')[0]}/*.yaml"):
-        content = OmegaConf.load(path)
-        inner = OmegaConf.select(content, parent) or content  # a file of the global package, or of its own
-        keys += [f"{parent}.{key!s}" for key in inner]
-    return sorted(set(keys))
+    keys: set[str] = set()
+    for path in conf.rglob("*.yaml"):
+        node: Any = OmegaConf.to_container(OmegaConf.load(path), resolve=False)
+        package = path.parent.name
+        if parent.split(".")[0] == package and not (isinstance(node, dict) and package in node):
+            node = {package: node}  # a file of its group's package, not of the global one
+        for part in parent.split("."):
+            node = node.get(part) if isinstance(node, dict) else None
+        keys |= {f"{parent}.{key}" for key in node} if isinstance(node, dict) else set()
+    return sorted(keys)
 
 
 def _ambiguous(found: re.Match[str], conf: Path) -> str:

@@ -77,10 +77,18 @@ def minus(x: Vector, reference: Array) -> list[Array]:
 
 def apply(M: Array, x: Vector) -> list[Array]:
     """The components of M x, M a diagonal (n,) or a matrix (m, n)."""
-    M = jnp.asarray(M)
+    M = _fitting(M, x)
     if M.ndim == 1:
         return [M[i] * x[i] for i in range(len(x))]
     return [dot(row, x) for row in M]
+
+
+def _fitting(M: Array, x: Vector) -> Array:
+    """M as an array; JAX itself would read past the end of a weight that is too short."""
+    M = jnp.asarray(M)
+    if M.shape[-1] != len(x):
+        raise ValueError(f"a weight of shape {M.shape} does not fit a vector of {len(x)}")
+    return M
 
 
 def dot(a: Vector, b: Vector) -> Array:
@@ -90,7 +98,7 @@ def dot(a: Vector, b: Vector) -> Array:
 
 def quadratic_form(M: Array, x: Vector) -> Array:
     """x' M x () for symmetric M, a diagonal (n,) or a matrix (n, n)."""
-    M = jnp.asarray(M)
+    M = _fitting(M, x)
     if M.ndim == 1:
         return dot(M, [a * a for a in x])
     halves = [M[i, i] * x[i] + sum(2 * M[i, j] * x[j] for j in range(i)) for i in range(len(x))]

@@ -17,5 +17,7 @@ class Obstacles:
         """Distance from a position (d,) to the nearest surface, negative inside, inf without obstacles."""
         if len(self.centers) == 0:
             return jnp.asarray(jnp.inf)
+        if self.centers.shape[-1] != len(position):
+            raise ValueError(f"centers of shape {self.centers.shape} do not fit a position of {len(position)}")
         offsets = position - jnp.asarray(self.centers)
         return jnp.min(jnp.sqrt(jnp.sum(offsets**2, axis=-1))) - self.radius

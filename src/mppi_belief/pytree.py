@@ -19,6 +19,7 @@ import jax
 import numpy as np
 
 T = TypeVar("T")
+_STRUCTS: set[type] = set()
 
 
 def number(
@@ -62,7 +63,13 @@ def struct(cls: type[T]) -> type[T]:
     static = [f.name for f in dataclasses.fields(made) if _is_static(f)]
     data = [f.name for f in dataclasses.fields(made) if not _is_static(f)]
     jax.tree_util.register_dataclass(made, data_fields=data, meta_fields=static)
+    _STRUCTS.add(made)
     return made
+
+
+def is_struct(cls: type) -> bool:
+    """Whether `cls` itself was made with `struct`."""
+    return cls in _STRUCTS
 
 
 def _is_static(field: dataclasses.Field) -> bool:

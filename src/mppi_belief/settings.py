@@ -61,6 +61,10 @@ def check(config: dict[str, Any]) -> None:
     for key in config:
         if key not in known:
             raise ConfigError(unknown_key(key, known))
+    shared = [f"planner.{setting.name}" for setting in fields(Planner)]
+    for key in config["planner"]:
+        if f"planner.{key}" not in shared:
+            raise ConfigError(unknown_key(f"planner.{key}", shared))
     for setting in fields(Settings):
         value = config[setting.name]
         options = setting.metadata.get("options", (value,))

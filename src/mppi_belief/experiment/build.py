@@ -2,14 +2,17 @@
 
 import dataclasses
 import functools
+from collections.abc import Callable
 from importlib import import_module
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from ..problem import Controller, Filter, Problem
+from ..pytree import is_struct
 from ..settings import ConfigError, unknown_key
 from ..simulate import simulate_trial
 
@@ -57,7 +60,7 @@ def _locate(name: Any, path: str) -> Any:
         target = getattr(import_module(module), attribute)
     except (ImportError, AttributeError, ValueError) as error:
         raise ConfigError(f"{path}._target_={name}: {error}") from error
-    if not (isinstance(target, type) and dataclasses.is_dataclass(target)):
+    if not (isinstance(target, type) and is_struct(target)):
         raise ConfigError(f"{path}._target_={name}: must name a class made with mppi_belief.struct")
     return target
 
@@ -74,28 +77,34 @@ def _check_fit(problem: Problem) -> None:
     """Every function of the system and the cost takes a state of the prior's size and returns what it should."""
     system, cost = problem.system, problem.cost
     nx, x = len(problem.prior_mean), jnp.asarray(problem.prior_mean)
-    nu, ny = cost.R.shape[0], jax.eval_shape(system.c, x).shape[:1]
-    wanted = {
-        "prior_std": (lambda x: jnp.asarray(problem.prior_std), (nx,)),
-        "cost.goal": (lambda x: jnp.asarray(cost.goal), (nx,)),
-        "cost.R": (lambda x: cost.R, (nu, nu)),
-        "system.f": (system.f, (nx,)),
-        "system.G": (system.G, (nx, nu)),
-        "system.H": (lambda x: system.H, (nx, system.H.shape[-1])),
-        "system.c": (system.c, ny),
-        "system.sigma_o": (system.sigma_o, (*ny, *ny)),
-        "system.clearance": (system.clearance, ()),
-        "cost.base": (cost.base, ()),
-        "cost.penalty": (cost.penalty, ()),
-        "cost.terminal": (cost.terminal, ()),
-    }
-    for name, (function, shape) in wanted.items():
-        try:
-            got = jax.eval_shape(function, x).shape
-        except Exception as error:
-            raise ConfigError(f"{name} fails for a state of shape ({nx},): {_first_line(error)}") from error
-        if got != shape:
-            raise ConfigError(f"{name} has shape {got}, must be {shape} for a state of shape ({nx},)")
+    _shape("prior_std", lambda x: jnp.asarray(problem.prior_std), x, (nx,))
+    _shape("cost.goal", lambda x: jnp.asarray(cost.goal), x, (nx,))
+    nu = _shape("cost.R", lambda x: cost.R, x)[0]
+    _shape("cost.R", lambda x: cost.R, x, (nu, nu))
+    _shape("system.f", lambda x: system.f(x), x, (nx,))
+    _shape("system.G", lambda x: system.G(x), x, (nx, nu))
+    nw = _shape("system.H", lambda x: system.H, x)[-1]
+    _shape("system.H", lambda x: system.H, x, (nx, nw))
+    ny = _shape("system.c", lambda x: system.c(x), x)[0]
+    _shape("system.c", lambda x: system.c(x), x, (ny,))
+    _shape("system.sigma_o", lambda x: system.sigma_o(x), x, (ny, ny))
+    _shape("system.clearance", lambda x: system.clearance(x), x, ())
+    _shape("cost.base", lambda x: cost.base(x), x, ())
+    _shape("cost.penalty", lambda x: cost.penalty(x), x, ())
+    _shape("cost.terminal", lambda x: cost.terminal(x), x, ())
+
+
+def _shape(
+    name: str, function: Callable[[Array], Array], x: Array, wanted: tuple[int, ...] | None = None
+) -> tuple[int, ...]:
+    """The shape that `function` returns for a state x; raises `ConfigError` if it fails or is not the one wanted."""
+    try:
+        got: tuple[int, ...] = jax.eval_shape(function, x).shape
+    except Exception as error:
+        raise ConfigError(f"{name} fails for a state of shape {x.shape}: {_first_line(error)}") from error
+    if wanted is not None and got != wanted:
+        raise ConfigError(f"{name} has shape {got}, must be {wanted} for a state of shape {x.shape}")
+    return got or (1,)
 
 
 def _first_line(error: Exception) -> str:

@@ -17,9 +17,9 @@ from concurrent.futures.process import BrokenProcessPool
 from typing import Any, NamedTuple
 
 from .plan import Chunk
+from .signals import STOPPING
 
 STRIKES = 2
-_BLOCKED = {signal.SIGINT, signal.SIGTERM}
 
 
 class Lost(NamedTuple):
@@ -97,7 +97,7 @@ class Pool:
 
     def _submit(self, function: Callable[..., Any], *args: Any) -> Future[Any]:
         # children inherit the mask: a Ctrl-C that reaches them while Python starts must not print a traceback
-        before = signal.pthread_sigmask(signal.SIG_BLOCK, _BLOCKED)
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, STOPPING)
         try:
             if self._executor is None:
                 context = multiprocessing.get_context("spawn")
@@ -140,7 +140,7 @@ class Pool:
 
 def _start_worker(import_paths: list[str]) -> None:
     """Leave signals to the parent, and die with it."""
-    for number in _BLOCKED:
+    for number in STOPPING:
         signal.signal(number, signal.SIG_IGN)
     sys.path[:0] = import_paths
     parent = multiprocessing.parent_process()

@@ -142,4 +142,4 @@ def read_json(folder: Path, name: str) -> Any:
 def result_hash(rows: pd.DataFrame) -> str:
     """A hash of everything in the rows: equal if and only if the results are, bit for bit."""
     ordered = rows.sort_values("trial")[[*_TYPES]]
-    return hashlib.sha256(ordered.to_csv(index=False, float_format="%.17g").encode()).hexdigest()[:16]
+    return hashlib.sha256(ordered.to_csv(index=False, float_format="%.17g", na_rep="none").encode()).hexdigest()[:16]

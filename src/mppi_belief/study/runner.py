@@ -45,12 +45,12 @@ def run_study(
     import_paths: Sequence[str] = (),
 ) -> Outcome:
     """Run the missing trials of all cells and time their control steps; raises OSError where it cannot write."""
-    results.probe(root)
     done = {cell.id: set(results.read_rows(root / cell.id, tqdm.write)["trial"]) for cell in cells}
     found = {cell.id: sum(trial < n_trials for trial in done[cell.id]) for cell in cells}
     todo = [chunk for cell in cells for chunk in chunks(cell, n_trials, done[cell.id], workers)]
     for cell in {chunk.cell.id: chunk.cell for chunk in todo}.values():
         task.check(cell.config)
+    results.probe(root)
     ran = dict.fromkeys(found, 0)
     pool = Pool(task.run_trials, workers, list(import_paths), tqdm.write)
     started = provenance(command)

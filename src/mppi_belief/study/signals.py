@@ -5,31 +5,50 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 
+STOPPING = {signal.SIGINT, signal.SIGTERM}
+
 
 class StoppedAtOnce(Exception):
     """A second signal came."""
 
 
 class Stop:
-    """Which signal asked to stop, if any did."""
+    """Which signal asked to stop, if any did, and whether a second one did."""
 
     number: int | None = None
+    at_once: bool = False
+
+
+@contextmanager
+def held() -> Iterator[None]:
+    """Keep signals waiting: a half-done import answers them with a traceback. `polite_stop` lets them in."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, STOPPING)
+    try:
+        yield
+    finally:
+        for number in signal.sigpending() & STOPPING:
+            signal.sigwait({number})
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 @contextmanager
 def polite_stop(on_first: Callable[[], None]) -> Iterator[Stop]:
-    """Call `on_first` at the first signal, raise `StoppedAtOnce` at the second; handlers are put back."""
+    """Call `on_first` at the first signal, raise `StoppedAtOnce` at the second; what was before is put back."""
     stop = Stop()
 
     def handle(number: int, frame: FrameType | None) -> None:
-        if stop.number is not None:
+        if stop.number is None:
+            stop.number = number
+            on_first()
+        elif not stop.at_once:
+            stop.at_once = True
             raise StoppedAtOnce
-        stop.number = number
-        on_first()
 
-    before = {number: signal.signal(number, handle) for number in (signal.SIGINT, signal.SIGTERM)}
+    handlers = {number: signal.signal(number, handle) for number in STOPPING}
+    mask = signal.pthread_sigmask(signal.SIG_UNBLOCK, STOPPING)
     try:
         yield stop
     finally:
-        for number, handler in before.items():
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+        for number, handler in handlers.items():
             signal.signal(number, handler)
