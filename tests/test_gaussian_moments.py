@@ -152,7 +152,7 @@ def test_variances_are_finite_and_not_negative_in_float32(seed, log_spread, log_
 @pytest.mark.parametrize("distance", [1e2, 1e4, 1e8, 1e15])
 @pytest.mark.parametrize("spread", [0.0, 1e-3, 1.0, 1e3])
 def test_far_from_the_obstacles_all_moments_vanish_without_overflow(distance, spread):
-    mean, cov = float32([distance, -distance], spread**2 * np.eye(2) * (spread < 1e3 or 1e-3))
+    mean, cov = float32([distance, -distance], spread**2 * np.eye(2))
     centers, weight = THREE[:2, :2], np.ones(2)
     expectation, variance = bump_sum_moments(mean, cov, centers, WIDTH)
     covariance = quadratic_bump_covariance(mean, cov, np.zeros(2), weight, centers, WIDTH)

@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
-from scipy import stats
+from scipy.special import betaincinv, stdtrit
 
 
 class Estimate(NamedTuple):
@@ -22,7 +22,7 @@ def mean_interval(values: np.ndarray, level: float = 0.95) -> Estimate:
     center = float(np.mean(values))
     if len(values) == 1:
         return Estimate(center, float("nan"), float("nan"))
-    half = float(stats.t.ppf((1 + level) / 2, len(values) - 1) * np.std(values, ddof=1) / np.sqrt(len(values)))
+    half = float(stdtrit(len(values) - 1, (1 + level) / 2) * np.std(values, ddof=1) / np.sqrt(len(values)))
     return Estimate(center, center - half, center + half)
 
 
@@ -30,5 +30,7 @@ def proportion_interval(successes: int, trials: int, level: float = 0.95) -> Est
     """Proportion with the exact interval of Clopper and Pearson (1934)."""
     if trials == 0:
         return Estimate(float("nan"), float("nan"), float("nan"))
-    found = stats.binomtest(successes, trials).proportion_ci(level, method="exact")
-    return Estimate(successes / trials, float(found.low), float(found.high))
+    tail, failures = (1 - level) / 2, trials - successes
+    low = float(betaincinv(successes, failures + 1, tail)) if successes else 0.0
+    high = float(betaincinv(successes + 1, failures, 1 - tail)) if failures else 1.0
+    return Estimate(successes / trials, low, high)
