@@ -164,3 +164,14 @@ def test_scalar_schedule_does_not_care_for_controls(scalar: Scalar, x64, rng):
     np.testing.assert_array_equal(idle.cov, busy.cov)
     np.testing.assert_array_equal(idle.diffusion, busy.diffusion)
     assert not np.allclose(idle.mean[1:], busy.mean[1:])
+
+
+@pytest.mark.parametrize(("noise", "duration"), [(1e-6, 0.1), (1e-8, 0.1), (0.05, 20.0), (1e-3, 1e3)])
+@pytest.mark.parametrize("driven", [0.0, 1.0])
+def test_riccati_step_stays_finite_and_right_where_the_state_is_seen_very_well(noise, duration, driven):
+    one = jnp.ones((1, 1))
+    found = riccati_step(one, 0 * one, driven * one, one, noise * one, duration)[0, 0]
+    # dS/dt = q - S^2 / r from S = 1: Bernoulli for q = 0, a hyperbolic cotangent for q = 1
+    settled = np.sqrt(noise)
+    exact = settled / np.tanh(np.arctanh(settled) + duration / settled) if driven else 1 / (1 + duration / noise)
+    np.testing.assert_allclose(found, exact, rtol=1e-3)

@@ -141,3 +141,18 @@ def test_obstacle_moments_scale_with_the_weight(x64, rng):
 def test_numbers_without_meaning_are_refused(field, value):
     with pytest.raises(ValueError, match=field):
         light_dark_problem(cost={field: value})
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        ("running_weight", [-1, 1, 1, 1]),
+        ("running_weight", [[1, 1, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]),
+        ("terminal_weight", [[1, 2], [2, 1]]),
+        ("control_weight", [0, 1]),
+        ("control_weight", [[1, 1], [1, 1]]),
+    ],
+)
+def test_weights_that_are_not_symmetric_or_not_definite_are_refused(field, value):
+    with pytest.raises(ValueError, match=field):
+        light_dark_problem(cost={field: value})

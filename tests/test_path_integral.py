@@ -201,3 +201,17 @@ def test_the_girsanov_term_makes_the_desirability_independent_of_the_nominal(sca
     weight = problem.cost.R * problem.dt
     correction = pi.girsanov(nominal, delta, weight) + 0.5 * jnp.sum(nominal**2 * weight)
     assert_desirability(problem, scalar, means, correction)
+
+
+def test_a_path_that_diverged_weighs_nothing_and_a_hopeless_step_weighs_all_alike():
+    w = pi.weights(jnp.array([1.0, jnp.nan, jnp.inf, 1.0]), 1.0)
+    np.testing.assert_allclose(w, [0.5, 0, 0, 0.5], rtol=1e-6)
+    np.testing.assert_allclose(pi.weights(jnp.array([jnp.inf, jnp.nan]), 1.0), 0.5, rtol=1e-6)
+
+
+@pytest.mark.parametrize("alpha", [0.0, 0.3, 1.0])
+def test_alpha_means_the_same_for_the_exact_spread_given_or_not(alpha, scalar, x64):
+    problem = scalar.problem()
+    exact = np.sqrt(scalar.temperature / scalar.R / problem.dt)
+    named = pi.girsanov_weight(problem, scalar.temperature, exact, alpha)
+    np.testing.assert_allclose(pi.girsanov_weight(problem, scalar.temperature, None, alpha), named, rtol=1e-10)

@@ -182,3 +182,10 @@ def test_costs_leave_the_obstacle_penalty_out(problem, x64):
         judge(light_dark_problem(cost={"w_obs": w}, steps=STEPS), trial.states, 0.65).cost for w in (0, 1e4)
     )
     assert light == heavy
+
+
+def test_a_longer_trial_goes_on_from_a_shorter_one():
+    short, long = (
+        mb.simulate_trial(light_dark_problem(steps=steps), mb.EKF(), Feedback(0.1), 0, 0) for steps in (3, 6)
+    )
+    np.testing.assert_array_equal(long.states[:4], short.states)

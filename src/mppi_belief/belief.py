@@ -52,7 +52,7 @@ def kalman_gain(cov: Array, C: Array, R_s: Array) -> tuple[Array, Array]:
 
 
 def joseph(cov: Array, C: Array, R_s: Array, K: Array) -> Array:
-    """Posterior covariance (I - K C) Sigma (I - K C)' + K R_s K': PSD for any K."""
+    """Posterior covariance (I - K C) Sigma (I - K C)' + K R_s K'; PSD up to the rounding of its two terms."""
     keep = jnp.eye(cov.shape[0], dtype=cov.dtype) - K @ C
     return symmetrise(keep @ cov @ keep.T + K @ R_s @ K.T)
 
@@ -78,12 +78,31 @@ def kalman_bucy(cov: Array, C: Array, R_o: Array) -> tuple[Array, Array]:
 
 
 def riccati_step(cov: Array, A: Array, Q: Array, C: Array, R_o: Array, dt: Array | float) -> Array:
-    """(8b)(11) solved exactly over dt with frozen coefficients (Davison and Maki 1973, the Hamiltonian flow)."""
+    """(8b)(11) solved exactly over dt with frozen coefficients.
+
+    The Hamiltonian flow (Davison and Maki 1973) over dt / 2^s, written as the map
+    Sigma -> W + F Sigma (I + J Sigma)^-1 F', which is then composed with itself s times: unlike the
+    flow, the map stays bounded however well the state is seen.
+    """
     n = cov.shape[0]
-    information = C.T @ spd_inverse(R_o) @ C
-    flow = jax.scipy.linalg.expm(jnp.block([[-A.T, information], [Q, A]]) * dt)
-    below, above = flow[n:, :n] + flow[n:, n:] @ cov, flow[:n, :n] + flow[:n, n:] @ cov
-    return symmetrise(jnp.linalg.solve(above.T, below.T).T)
+    eye = jnp.eye(n, dtype=cov.dtype)
+    rate = jnp.block([[-A.T, C.T @ spd_inverse(R_o) @ C], [Q, A]]) * dt
+    doublings = jnp.clip(jnp.ceil(jnp.log2(2 * jnp.max(jnp.sum(jnp.abs(rate), axis=0)))), 0, 120)
+    flow = jax.scipy.linalg.expm(rate / 2**doublings)
+    top = jnp.linalg.inv(flow[:n, :n])
+
+    def double(_: Array, map: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+        F, J, W = map
+        between = F @ jnp.linalg.inv(eye + W @ J)
+        return (
+            between @ F,
+            symmetrise(J + F.T @ J @ jnp.linalg.solve(eye + W @ J, F)),
+            symmetrise(W + between @ W @ F.T),
+        )
+
+    start = (top.T, symmetrise(top @ flow[:n, n:]), symmetrise(flow[n:, :n] @ top))
+    F, J, W = jax.lax.fori_loop(0, doublings.astype(int), double, start)
+    return symmetrise(W + F @ cov @ jnp.linalg.solve(eye + J @ cov, F.T))
 
 
 def gain_schedule(problem: Problem, belief: Belief, controls: Array, method: str = "filter") -> GainSchedule:

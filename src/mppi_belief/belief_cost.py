@@ -36,7 +36,8 @@ def quadrature_moments(cost: Cost, mean: Array, cov: Array) -> CostMoments:
 def risk_sensitive(cost: Cost, mean: Array, cov: Array, theta: Array | float, risk: str = "penalty") -> Array:
     """q_RS (). `risk` says what the variance is taken of: "penalty" (the obstacles) or "total" (all of q)."""
     m = running_moments(cost, mean, cov)
-    variance = m.penalty_var if risk == "penalty" else m.base_var + 2 * m.covariance + m.penalty_var
+    total = jnp.maximum(m.base_var + 2 * m.covariance + m.penalty_var, 0.0)  # quadrature weights may be negative
+    variance = m.penalty_var if risk == "penalty" else total
     return m.base + m.penalty + 0.5 * theta * variance
 
 

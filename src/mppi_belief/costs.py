@@ -20,9 +20,9 @@ class GoalObstacleCost:
     """Quadratic distance to a goal plus Gaussian bumps on obstacles; weights diagonal (nx,) or full (nx, nx)."""
 
     goal: Array = array(ndim=1)
-    running_weight: Array = array(ndim=(1, 2))  # Q^x
-    terminal_weight: Array = array(ndim=(1, 2))
-    control_weight: Array = array(ndim=(1, 2))  # R
+    running_weight: Array = array(ndim=(1, 2), ge=0)  # Q^x
+    terminal_weight: Array = array(ndim=(1, 2), ge=0)
+    control_weight: Array = array(ndim=(1, 2), gt=0)  # R
     obstacles: Obstacles
     w_obs: float = number(ge=0)
     bump_width: float = number(gt=0)  # l, m

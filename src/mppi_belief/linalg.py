@@ -24,12 +24,17 @@ def spd_inverse(M: Array) -> Array:
     if M.shape[-1] == 1:
         return 1.0 / M
     if M.shape[-1] == 2:
-        a, b, d = M[0, 0], M[0, 1], M[1, 1]
-        # the Schur complement keeps its sign under scales as different as 1e-12 and 1e12
-        schur = jnp.maximum(d - b * (b / a), d * jnp.finfo(M.dtype).eps)
+        a, b = M[0, 0], M[0, 1]
+        schur = _schur(M)
         off = -b / a / schur
         return jnp.array([[1.0 / a - off * (b / a), off], [off, 1.0 / schur]])
     return symmetrise(jnp.linalg.inv(M))
+
+
+def _schur(M: Array) -> Array:
+    """Schur complement () of M[0, 0] in a definite (2, 2); positive under scales as different as 1e-12 and 1e12."""
+    b, d = M[0, 1], M[1, 1]
+    return jnp.maximum(d - b * (b / M[0, 0]), d * jnp.finfo(M.dtype).eps)
 
 
 def log_det_1p(M: Array) -> Array:
@@ -46,7 +51,7 @@ def log_det_spd(M: Array) -> Array:
     if M.shape[-1] == 1:
         return jnp.log(M[0, 0])
     if M.shape[-1] == 2:
-        return jnp.log(M[0, 0]) + jnp.log(M[1, 1] - M[0, 1] * (M[0, 1] / M[0, 0]))
+        return jnp.log(M[0, 0]) + jnp.log(_schur(M))
     return 2 * jnp.sum(jnp.log(jnp.diagonal(jnp.linalg.cholesky(M))))
 
 

@@ -66,8 +66,10 @@ def girsanov_weight(
     S_u = std^2 I and a given alpha (Williams et al. 2018), which agrees for S_u = lambda R^-1 / dt, alpha = 0.
     """
     R = problem.cost.R
-    if alpha is None or std is None:
+    if alpha is None:
         return R * problem.dt
+    if std is None:
+        return (1 - alpha) * R * problem.dt
     return temperature * (1 - alpha) / std**2 * jnp.eye(len(R))
 
 
@@ -123,8 +125,11 @@ def girsanov(nominal: Array, increments: Array, weight: Array) -> Array:
 
 
 def weights(costs: Array, temperature: Array | float) -> Array:
-    """Normalised importance weights (N,), by log-sum-exp."""
-    return jax.nn.softmax(-costs / temperature)
+    """Normalised importance weights (N,), by log-sum-exp; a path whose cost is not finite weighs nothing,
+    and all weigh the same if none is finite."""
+    usable = jnp.isfinite(costs)
+    scores = jnp.where(usable, -costs / temperature, -jnp.inf)
+    return jax.nn.softmax(jnp.where(jnp.any(usable), scores, 0.0))
 
 
 def effective_sample_size(w: Array) -> Array:

@@ -35,10 +35,14 @@ def number(
     return dataclasses.field(default=default, metadata=rule)
 
 
-def array(*, ndim: int | tuple[int, ...], ge: float | None = None) -> Any:
-    """An array leaf with the given number(s) of dimensions."""
+def array(*, ndim: int | tuple[int, ...], ge: float | None = None, gt: float | None = None) -> Any:
+    """An array leaf with the given number(s) of dimensions.
+
+    Bounds are for every entry; for a weight that may be a diagonal or a matrix, `ndim=(1, 2)`, they
+    are for the eigenvalues of the matrix, which must then be symmetric.
+    """
     allowed = (ndim,) if isinstance(ndim, int) else ndim
-    return dataclasses.field(metadata={"kind": "array", "ndim": allowed, "ge": ge})
+    return dataclasses.field(metadata={"kind": "array", "ndim": allowed, "ge": ge, "gt": gt})
 
 
 def size(default: Any = dataclasses.MISSING, *, ge: int = 1) -> Any:
@@ -128,9 +132,21 @@ def _array(value: Any, rule: Any) -> Any:
         raise ValueError(f"must have {wanted} dimension(s), got {result.ndim}")
     if not np.all(np.isfinite(result)):
         raise ValueError("must be finite everywhere")
-    if rule["ge"] is not None and np.any(result < rule["ge"]):
-        raise ValueError(f"must be at least {rule['ge']} everywhere")
+    _check_bounds(result, rule)
     return result
+
+
+def _check_bounds(value: np.ndarray, rule: Any) -> None:
+    what = "everywhere"
+    if rule["ndim"] == (1, 2) and value.ndim == 2:
+        if value.shape[0] != value.shape[1] or not np.allclose(value, value.T):
+            raise ValueError("must be a diagonal or a symmetric matrix")
+        value, what = np.linalg.eigvalsh(value), "in every eigenvalue"
+        value = np.where(np.abs(value) < 1e-12 * np.max(np.abs(value), initial=0), 0.0, value)
+    if rule["ge"] is not None and np.any(value < rule["ge"]):
+        raise ValueError(f"must be at least {rule['ge']} {what}")
+    if rule["gt"] is not None and np.any(value <= rule["gt"]):
+        raise ValueError(f"must be greater than {rule['gt']} {what}")
 
 
 def _size(value: Any, rule: Any) -> int:

@@ -17,6 +17,7 @@ from .noise import standard_normal
 from .problem import Belief, Controller, Filter, Problem
 
 PLANT, FILTER, PLANNER = range(3)
+BEFORE = 2**31 - 1  # the step of what is drawn before step 0
 
 
 class Trial(NamedTuple):
@@ -53,8 +54,8 @@ def simulate_trial(
 ) -> Trial:
     """Run one trial; pure, so it may be jitted and vmapped over `trial`."""
     plant, filtering, planning = (role_key(seed, trial, role) for role in (PLANT, FILTER, PLANNER))
-    start = draw_state(problem, jax.random.fold_in(plant, problem.steps))
-    first = filter.init(problem, jax.random.fold_in(filtering, problem.steps))
+    start = draw_state(problem, jax.random.fold_in(plant, BEFORE))
+    first = filter.init(problem, jax.random.fold_in(filtering, BEFORE))
 
     def advance(carry: tuple, k: Array) -> tuple[tuple, tuple]:
         x, belief, plan = carry

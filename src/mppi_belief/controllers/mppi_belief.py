@@ -19,8 +19,8 @@ from ..pytree import choice, number, size, struct
 
 
 class PlanInfo(NamedTuple):
-    """Diagnostics of one step: effective sample size (), cost of the nominal it started from (), planned
-    covariances (H+1, nx, nx)."""
+    """Diagnostics of one step: effective sample size (), state cost of the nominal it started from (),
+    planned covariances (H+1, nx, nx)."""
 
     ess: Array
     nominal_cost: Array

@@ -25,7 +25,7 @@ def describe_scene(problem: Problem) -> dict[str, Any]:
 
 def _noise_map(problem: Problem, points: np.ndarray) -> dict[str, Any]:
     """Root mean square of the measurement noise's standard deviations over a grid around the points."""
-    low, high = points.min(axis=0) - 3, points.max(axis=0) + 3
+    low, high = points.min(axis=0) - 5, points.max(axis=0) + 5
     x, y = np.linspace(low[0], high[0], 91), np.linspace(low[1], high[1], 31)
     base = jnp.asarray(problem.prior_mean)
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import jax
 
-from ..simulate import FILTER, PLANNER, PLANT, draw_state, respond, role_key, seen
+from ..simulate import BEFORE, FILTER, PLANNER, PLANT, draw_state, respond, role_key, seen
 from .build import Experiment, build
 
 
@@ -32,8 +32,8 @@ def _step_functions() -> tuple[Any, Any]:
 def _time_one_trial(parts: Experiment, seed: int, trial: int, act: Any, rest: Any) -> list[float]:
     problem, filter, controller = parts
     keys = [role_key(seed, trial, role) for role in (PLANT, FILTER, PLANNER)]
-    x = draw_state(problem, jax.random.fold_in(keys[PLANT], problem.steps))
-    belief = filter.init(problem, jax.random.fold_in(keys[FILTER], problem.steps))
+    x = draw_state(problem, jax.random.fold_in(keys[PLANT], BEFORE))
+    belief = filter.init(problem, jax.random.fold_in(keys[FILTER], BEFORE))
     plan, times = controller.init(problem), []
     if trial == 0:
         jax.block_until_ready(act(problem, controller, seen(controller, belief, x), plan, keys[PLANNER]))

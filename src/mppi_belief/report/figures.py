@@ -53,7 +53,7 @@ def _planes(runs: Sequence[Run], columns: int) -> Figure:
         axes.set_xlabel("$p_x$ (m)")
     for axes in panels[:, 0]:
         axes.set_ylabel("$p_y$ (m)")
-    figure.colorbar(shading, ax=panels, label=r"$\sigma_o$ (m)", fraction=0.04, pad=0.02)
+    figure.colorbar(shading, ax=panels, label=r"$\sigma_o$ (m)", fraction=0.04, pad=0.02, shrink=0.8)
     figure.legend(*_legend(runs), loc="outside lower center", ncols=5)
     corners = np.vstack([_corners(run) for run in runs])
     low, high = corners.min(axis=0) - 0.5, corners.max(axis=0) + 0.5

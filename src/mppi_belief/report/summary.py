@@ -1,5 +1,6 @@
 """One line a cell: what its trials show, for a terminal."""
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -21,7 +22,7 @@ def summarise(rows: pd.DataFrame, labels: dict[str, Any], seconds: Sequence[floa
     line["sd"] = f"{spread:.2f}"
     line["collided % [95 %]"] = _interval(Estimate(*(100 * part for part in collided)), 1)
     line["clearance m [95 %]"] = _interval(clearance, 3)
-    line["ESS"] = f"{good['ess'].mean():.1f}"
+    line["ESS"] = _interval(Estimate(float(good["ess"].mean()), math.nan, math.nan), 1)
     if seconds:
         line["ms/step (p95)"] = f"{1e3 * np.median(seconds):.2f} ({1e3 * np.quantile(seconds, 0.95):.2f})"
     return line
