@@ -97,6 +97,11 @@ def time_steps(config: dict[str, Any]) -> list[float]:
     return [1e-3, 2e-3, 3e-3]
 
 
+def record(config: dict[str, Any]) -> dict[str, Any]:
+    """One trial in detail."""
+    return {"trial": config["record"], "samples": None, "matching": {}}
+
+
 def hang(config: dict[str, Any], trials: Sequence[int]) -> None:
     """Say who is working, and go on until killed; an orphan that nobody kills ends by itself."""
     (Path(config["system"]["folder"]) / f"worker-{os.getpid()}").touch()

@@ -35,7 +35,7 @@ class Study:
         self._check(config)
 
     def run(self, *cells: Cell, n_trials: int = 12, workers: int = 1) -> Outcome:
-        task = Task(self.check, run_trials, time_steps, failed_row)
+        task = Task(self.check, run_trials, time_steps, failed_row, record)
         return run_study(cells, n_trials, self.root, workers, task, ["mppi-belief", "run"], [TESTS])
 
     def rows(self, cell: Cell) -> Any:

@@ -22,7 +22,7 @@ from .settings import check as check_settings
 from .study.signals import held
 
 INPUT_ERROR, SOME_FAILED, CANNOT_WRITE = 2, 3, 74
-RUNTIME_KEYS = ("n_trials", "workers", "results_dir")  # they do not change what a trial is
+RUNTIME_KEYS = ("n_trials", "workers", "results_dir", "report_dir", "record")  # they do not change what a trial is
 NAMED_GROUPS = ("system", "cost", "filter", "controller")
 
 USAGE = """\
@@ -115,12 +115,13 @@ def collect(args: Sequence[str]) -> list[dict[str, Any]]:
         settings = HydraConfig.get()
         names = {group: settings.runtime.choices[group] for group in NAMED_GROUPS}
         keys = [override.lstrip("+~").partition("=")[0] for override in settings.overrides.task]
-        swept = [key for key in keys if key not in (*RUNTIME_KEYS, "sweep")]
+        swept = [key for key in keys if key not in (*RUNTIME_KEYS, "sweep", "experiment")]
         configs.append(config)
         labels.append({"names": names, "swept": {key: names.get(key) or _scalar(config, key) for key in swept}})
 
-    if any(arg.startswith("sweep=") and "," in arg for arg in args):
-        raise ConfigError("sweep: choose one")
+    for group in ("sweep", "experiment"):
+        if any(arg.startswith(f"{group}=") and "," in arg for arg in args):
+            raise ConfigError(f"{group}: choose one")
     compose(args, job)
     for config in configs:
         check_settings(config)
@@ -143,7 +144,7 @@ def run(args: Sequence[str]) -> int:
     from .study import environment
 
     environment.prepare()
-    from .experiment import check, failed_row, run_trials, time_steps
+    from .experiment import check, failed_row, record, run_trials, time_steps
     from .study.plan import Cell
     from .study.runner import Task, run_study
 
@@ -155,7 +156,7 @@ def run(args: Sequence[str]) -> int:
         if any(config[key] != first[key] for config in configs):
             raise ConfigError(f"{key} cannot be swept: it does not change what a trial is")
     root, n_trials = Path(first["results_dir"]), first["n_trials"]
-    task = Task(check, run_trials, time_steps, failed_row)
+    task = Task(check, run_trials, time_steps, failed_row, record)
     command = ["mppi-belief", "run", *args]
     outcome = run_study(list(cells.values()), n_trials, root, first["workers"], task, command, import_paths)
     return _tell(list(cells.values()), root, n_trials, outcome)

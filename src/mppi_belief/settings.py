@@ -41,12 +41,26 @@ class Settings:
     workers: int = _ranged(1, 1024)
     precision: str = field(default=MISSING, metadata={"options": ("float32", "float64")})
     results_dir: str = MISSING
+    report_dir: str = MISSING
+    record: int | None = field(default=None, metadata={"range": (0, 10**7)})
     planner: Planner = MISSING
     problem: dict[str, Any] = MISSING
     system: dict[str, Any] = MISSING
     cost: dict[str, Any] = MISSING
     filter: dict[str, Any] = MISSING
     controller: dict[str, Any] = MISSING
+
+
+def labels(config: dict[str, Any]) -> dict[str, Any]:
+    """What tells a cell from others, for rows, tables and titles: method, theta, w_obs, seed, all that was swept."""
+    nothing = float("nan")
+    found = {
+        "controller": config["names"]["controller"],
+        "theta": config["controller"].get("theta", nothing),
+        "w_obs": config["cost"].get("w_obs", nothing),
+        "seed": config["seed"],
+    }
+    return found | {name: value for name, value in config["swept"].items() if name not in found}
 
 
 def unknown_key(key: str, known: Sequence[str]) -> str:
@@ -76,8 +90,9 @@ def check(config: dict[str, Any]) -> None:
         if isinstance(value, int | float) and not low <= value <= high:
             bound = f"at least {low}" if value < low else f"at most {high}"
             raise ConfigError(f"{setting.name}={value:g}: must be {bound}")
-    if not config["results_dir"].strip():
-        raise ConfigError("results_dir: must name a folder")
+    for name in ("results_dir", "report_dir"):
+        if not config[name].strip():
+            raise ConfigError(f"{name}: must name a folder")
     _check_finite(config, "")
 
 

@@ -4,6 +4,7 @@ Keys are folds of (seed, trial, role, step), so a trial's noise depends on nothi
 controller (common random numbers), the number of trials, or who runs it when.
 """
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax
@@ -53,6 +54,18 @@ def simulate_trial(
     problem: Problem, filter: Filter, controller: Controller, seed: Array | int, trial: Array | int
 ) -> Trial:
     """Run one trial; pure, so it may be jitted and vmapped over `trial`."""
+    return closed_loop(problem, filter, controller, seed, trial, lambda info: None)[0]
+
+
+def closed_loop(
+    problem: Problem,
+    filter: Filter,
+    controller: Controller,
+    seed: Array | int,
+    trial: Array | int,
+    note: Callable[[Any], Any],
+) -> tuple[Trial, Any]:
+    """The same, and what `note` makes of each step's diagnostics, stacked over the steps."""
     plant, filtering, planning = (role_key(seed, trial, role) for role in (PLANT, FILTER, PLANNER))
     start = draw_state(problem, jax.random.fold_in(plant, BEFORE))
     first = filter.init(problem, jax.random.fold_in(filtering, BEFORE))
@@ -62,13 +75,14 @@ def simulate_trial(
         told = seen(controller, belief, x)
         u, plan, info = controller.act(problem, told, plan, jax.random.fold_in(planning, k))
         x, y, belief = respond(problem, filter, x, belief, u, plant, filtering, k)
-        return (x, belief, plan), (x, Belief(belief.mean, belief.cov), u, y, info.ess)
+        return (x, belief, plan), ((x, Belief(belief.mean, belief.cov), u, y, info.ess), note(info))
 
     carry = (start, first, controller.init(problem))
-    _, (states, beliefs, controls, measurements, ess) = jax.lax.scan(advance, carry, jnp.arange(problem.steps))
+    _, (steps, notes) = jax.lax.scan(advance, carry, jnp.arange(problem.steps))
+    states, beliefs, controls, measurements, ess = steps
     states = jnp.concatenate([start[None], states])
     beliefs = Belief(*(jnp.concatenate([a[None], b]) for a, b in zip((first.mean, first.cov), beliefs, strict=True)))
-    return Trial(states, beliefs, controls, measurements, ess)
+    return Trial(states, beliefs, controls, measurements, ess), notes
 
 
 def seen(controller: Controller, belief: Any, x: Array) -> Any:

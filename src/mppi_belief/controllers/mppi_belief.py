@@ -20,11 +20,13 @@ from ..pytree import choice, number, size, struct
 
 class PlanInfo(NamedTuple):
     """Diagnostics of one step: effective sample size (), state cost of the nominal it started from (),
-    planned covariances (H+1, nx, nx)."""
+    planned covariances (H+1, nx, nx), sampled means (H, nx, N) and their weights (N,)."""
 
     ess: Array
     nominal_cost: Array
     planned_cov: Array
+    means: Array
+    weights: Array
 
 
 @struct
@@ -73,7 +75,7 @@ class MPPIBelief:
         w = pi.weights(self._costs(problem, mean, means, schedule.cov) + correction, self.temperature)
         improved = plan + pi.weighted_increments(w, increments)
         nominal_cost = self._costs(problem, mean, schedule.mean[1:, :, None], schedule.cov)[0]
-        info = PlanInfo(pi.effective_sample_size(w), nominal_cost, schedule.cov)
+        info = PlanInfo(pi.effective_sample_size(w), nominal_cost, schedule.cov, means, w)
         return improved[0], self._carry(improved), info
 
     def _rollouts(

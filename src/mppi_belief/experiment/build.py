@@ -16,8 +16,6 @@ from ..pytree import is_struct
 from ..settings import ConfigError, unknown_key
 from ..simulate import simulate_trial
 
-GROUPS = ("system", "cost", "problem", "filter", "controller")
-
 
 class Experiment(NamedTuple):
     """The objects of one cell."""

@@ -1,6 +1,6 @@
 """From a cell's configuration to rows: the trials a worker runs.
 
-A cell's configuration is a plain dict: the groups of `build.GROUPS`, the `names` chosen for them, a
+A cell's configuration is a plain dict: what each of its parts is built from, the `names` chosen for them, a
 `seed`, a `precision`, and what was `swept`. It is all a worker gets, so a row depends on nothing else.
 """
 
@@ -11,6 +11,7 @@ import jax
 import numpy as np
 
 from ..problem import Controller, Filter, Problem
+from ..settings import labels
 from ..simulate import Metrics, Trial, metrics, simulate_trial
 from .build import build
 from .scene import describe_scene
@@ -64,15 +65,8 @@ def failed_row(config: dict[str, Any], trial: int, status: str, error: str) -> d
 
 
 def _labels(config: dict[str, Any], trial: int, status: str) -> dict[str, Any]:
-    labels = {
-        "trial": trial,
-        "seed": config["seed"],
-        "status": status,
-        "controller": config["names"]["controller"],
-        "theta": config["controller"].get("theta", float("nan")),
-        "w_obs": config["cost"].get("w_obs", float("nan")),
-    }
-    return {**labels, **{name: value for name, value in config["swept"].items() if name not in labels}}
+    own = {"trial": trial, "status": status}
+    return own | {name: value for name, value in labels(config).items() if name not in own}
 
 
 def _path_rows(trial: int, result: Trial) -> list[dict[str, Any]]:

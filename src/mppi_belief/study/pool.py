@@ -22,6 +22,10 @@ from .signals import STOPPING
 STRIKES = 2
 
 
+class WorkerDied(Exception):
+    """A worker ended before its function did."""
+
+
 class Lost(NamedTuple):
     """Why a chunk has no result: `status` is "error" or "crashed"."""
 
@@ -76,12 +80,12 @@ class Pool:
                 running.clear()
 
     def call(self, function: Callable[..., Any], *args: Any) -> Any:
-        """Run one function in a worker while the others are idle; None if its worker dies."""
+        """Run one function in a worker while the others are idle; raises `WorkerDied`."""
         try:
             return self._submit(function, *args).result()
-        except BrokenProcessPool:
+        except BrokenProcessPool as error:
             self.close(kill=True)
-            return None
+            raise WorkerDied from error
 
     def _fill(self, running: dict[Future[Any], Chunk], fresh: deque[Chunk], suspects: deque[Chunk]) -> None:
         """Keep every worker busy and one chunk waiting; a suspect runs alone and stays in its queue till cleared."""

@@ -4,6 +4,7 @@
                          paths-*.parquet   a row per step of the first trials' trajectories
                          scene.json        what a picture needs to know
                          timing.json       the Time column
+                         recording-*.json  one trial in detail, where asked for
 
 Which trials are done is read from the part files and from nothing else. Only the parent process writes.
 """
@@ -12,7 +13,7 @@ import hashlib
 import json
 import os
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -39,6 +40,7 @@ _TYPES: dict[str, pa.DataType] = {
     "steps": pa.int64(),
     "error": pa.string(),
 }
+_PATH_COLUMNS = ("trial", "step", "state", "mean", "cov", "control")
 
 
 def probe(root: Path) -> None:
@@ -101,14 +103,22 @@ def _sync(path: Path) -> None:
         os.close(handle)
 
 
-def read_rows(folder: Path, warn: Callable[[str], None] = lambda line: None) -> pd.DataFrame:
-    """The rows of a cell by trial, each trial once; a file that cannot be read is named to `warn` and left out."""
-    frames = []
-    for path in sorted(folder.glob("part-*.parquet")):
+def _ignore(line: str) -> None:
+    """Nobody to tell."""
+
+
+def _read(folder: Path, kind: str, columns: Sequence[str], warn: Callable[[str], None]) -> Iterator[pd.DataFrame]:
+    """The tables of one kind, by file name; a file that cannot be read is named to `warn` and left out."""
+    for path in sorted(folder.glob(f"{kind}-*.parquet")):
         try:
-            frames.append(pq.ParquetFile(path).read().to_pandas()[[*_TYPES]].assign(_file=path.name))
-        except (OSError, pa.ArrowException, KeyError) as error:
-            warn(f"{path}: not a results file, left out ({str(error).splitlines()[0]})")
+            yield pq.ParquetFile(path).read().to_pandas()[[*columns]].assign(_file=path.name)
+        except (OSError, pa.ArrowException, KeyError, ValueError) as error:
+            warn(f"{path}: not a results file, left out ({(str(error).splitlines() or [''])[0]})")
+
+
+def read_rows(folder: Path, warn: Callable[[str], None] = _ignore) -> pd.DataFrame:
+    """The rows of a cell by trial, each trial once; a file that cannot be read is named to `warn` and left out."""
+    frames = list(_read(folder, "part", [*_TYPES], warn))
     if not frames:
         return pd.DataFrame(columns=[*_TYPES])
     rows = pd.concat(frames, ignore_index=True)
@@ -117,12 +127,24 @@ def read_rows(folder: Path, warn: Callable[[str], None] = lambda line: None) -> 
     return rows.drop(columns=["_file", "_bad"])
 
 
-def read_paths(folder: Path) -> pd.DataFrame:
+def read_paths(folder: Path, warn: Callable[[str], None] = _ignore) -> pd.DataFrame:
     """The kept trajectories of a cell by trial and step."""
-    frames = [pq.ParquetFile(path).read().to_pandas() for path in sorted(folder.glob("paths-*.parquet"))]
+    frames = list(_read(folder, "paths", _PATH_COLUMNS, warn))
     if not frames:
-        return pd.DataFrame(columns=["trial", "step", "state", "mean", "cov", "control"])
-    return pd.concat(frames).drop_duplicates(["trial", "step"]).sort_values(["trial", "step"], ignore_index=True)
+        return pd.DataFrame(columns=[*_PATH_COLUMNS])
+    paths = pd.concat(frames).drop_duplicates(["trial", "step"]).sort_values(["trial", "step"], ignore_index=True)
+    return paths.drop(columns="_file")
+
+
+def read_sources(folder: Path) -> list[dict[str, Any]]:
+    """What each readable part file says of where it comes from."""
+    found = []
+    for path in sorted(folder.glob("part-*.parquet")):
+        try:
+            found.append(read_provenance(path))
+        except (OSError, pa.ArrowException, KeyError, TypeError, ValueError):
+            continue  # `read_rows` names it
+    return found
 
 
 def read_provenance(path: Path) -> dict[str, Any]:

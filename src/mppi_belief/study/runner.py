@@ -1,6 +1,7 @@
 """One plan, one pool, one progress bar: run what is missing of a study's cells."""
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -8,7 +9,7 @@ from tqdm import tqdm
 
 from . import results
 from .plan import Cell, Chunk, chunks
-from .pool import Lost, Pool
+from .pool import Lost, Pool, WorkerDied
 from .provenance import provenance
 from .signals import StoppedAtOnce, polite_stop
 
@@ -18,13 +19,15 @@ class Task(NamedTuple):
 
     check(config) raises where a configuration cannot be run; run_trials(config, trials) returns an
     object with `rows`, `paths` and `scene`; time_steps(config) returns seconds of single control steps;
-    failed_row(config, trial, status, error) is the row of a trial without result.
+    failed_row(config, trial, status, error) is the row of a trial without result; record(config) returns
+    one trial in detail as JSON, where a cell asks for it.
     """
 
     check: Callable[..., None]
     run_trials: Callable[..., Any]
     time_steps: Callable[..., list[float]]
     failed_row: Callable[..., dict[str, Any]]
+    record: Callable[..., dict[str, Any]]
 
 
 class Outcome(NamedTuple):
@@ -67,7 +70,7 @@ def run_study(
                 bar.update(len(chunk.trials))
             for cell in cells:
                 if signal.number is None:
-                    _time(root, cell, pool, task)
+                    _extras(root, cell, pool, task)
             pool.close()
         except BaseException as error:
             pool.close(kill=True)
@@ -94,9 +97,15 @@ def _keep(root: Path, chunk: Chunk, batch: Any, task: Task, started: dict[str, A
     results.write_rows(folder, rows, {"config": config, **started})
 
 
-def _time(root: Path, cell: Cell, pool: Pool, task: Task) -> None:
-    """The Time column, once for each cell, while no other worker is busy."""
-    if results.read_json(root / cell.id, "timing") is None:
-        seconds = pool.call(task.time_steps, cell.config)
-        if seconds is not None:
-            results.write_json(root / cell.id, "timing", {"seconds": seconds})
+def _extras(root: Path, cell: Cell, pool: Pool, task: Task) -> None:
+    """What is made once for each cell, while no worker is busy: the Time column, a recording if it asks for one."""
+    _once(root / cell.id, "timing", lambda: {"seconds": pool.call(task.time_steps, cell.config)})
+    if cell.config.get("record") is not None:
+        _once(root / cell.id, f"recording-{cell.config['record']}", lambda: pool.call(task.record, cell.config))
+
+
+def _once(folder: Path, name: str, make: Callable[[], Any]) -> None:
+    """Make a file that is not there; a worker that dies over it leaves none."""
+    if results.read_json(folder, name) is None:
+        with suppress(WorkerDied):
+            results.write_json(folder, name, make())

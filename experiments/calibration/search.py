@@ -1,0 +1,114 @@
+"""Search the open numbers for the scenario whose Table I is closest to the paper's.
+
+    python experiments/calibration/search.py --minutes 30 --processes 2
+
+The loss is the sum of squared standard errors of Table I's twelve numbers. Every candidate meets the same
+noise (common random numbers). The three quick methods are tried on 24 trials, then 72, then 200, PIPF
+only on what is left; hopeless candidates stop early. The study is a journal file: the same command goes on.
+"""
+
+import argparse
+import csv
+import math
+import multiprocessing
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import optuna
+import scenario
+from optuna.storages import JournalStorage
+from optuna.storages.journal import JournalFileBackend
+
+from mppi_belief.study import environment
+
+HERE = Path(__file__).parent
+QUICK = ("belief", "ce", "ilqg")
+STAGES = ((QUICK, 24), (QUICK, 72), (QUICK, 200), (("pipf",), 50))
+
+
+def suggest(trial: optuna.Trial) -> dict[str, Any]:
+    """A candidate."""
+    at = {name: trial.suggest_float(name, low, high, log=log) for name, (low, high, log) in scenario.OPEN.items()}
+    return {**at, "steps": trial.suggest_categorical("steps", scenario.STEPS)}
+
+
+def objective(trial: optuna.Trial, bases: dict[str, dict[str, Any]]) -> float:
+    """The loss of one candidate, reported after every stage."""
+    at, rows, loss = suggest(trial), {method: [] for method in scenario.METHODS}, {}
+    for stage, (methods, n) in enumerate(STAGES):
+        for method in methods:
+            rows[method] += scenario.run(scenario.configure(bases[method], at), range(len(rows[method]), n))
+            found = scenario.measure(rows[method])
+            trial.set_user_attr(method, [round(value, 4) for value in found])
+            loss[method] = sum(z * z for z in scenario.deviations(method, found))
+        total = sum(loss.values())
+        if not math.isfinite(total):
+            raise optuna.TrialPruned
+        trial.report(total, stage)
+        if stage < len(STAGES) - 1 and trial.should_prune():
+            raise optuna.TrialPruned
+    return total
+
+
+def open_study(path: Path, seed: int) -> optuna.Study:
+    """The study, made or found."""
+    return optuna.create_study(
+        study_name="table_1",
+        storage=JournalStorage(JournalFileBackend(str(path))),
+        sampler=optuna.samplers.TPESampler(seed=seed, multivariate=True, constant_liar=True, n_startup_trials=40),
+        pruner=optuna.pruners.PercentilePruner(20.0, n_startup_trials=10),
+        load_if_exists=True,
+    )
+
+
+def work(path: Path, minutes: float, seed: int) -> None:
+    """One process of the search."""
+    optuna.logging.set_verbosity(optuna.logging.WARNING)
+    bases = scenario.base_configs()
+    open_study(path, seed).optimize(lambda trial: objective(trial, bases), timeout=60 * minutes)
+
+
+def save_log(study: optuna.Study, path: Path) -> None:
+    """Every candidate as a line: what was tried, what came out, how far it got."""
+    names = [*scenario.OPEN, "steps"]
+    columns = [f"{method}_{name}" for method in scenario.METHODS for name in scenario.Measured._fields]
+    with path.open("w", newline="") as file:
+        out = csv.writer(file, lineterminator="\n")
+        out.writerow(["trial", "state", "stage", "loss", *names, *columns])
+        for trial in study.get_trials(deepcopy=False):
+            if not trial.state.is_finished() or not trial.intermediate_values:
+                continue
+            stage, loss = max(trial.intermediate_values.items())
+            tried = [f"{trial.params[name]:.5g}" for name in names]
+            found = [value for m in scenario.METHODS for value in trial.user_attrs.get(m, [""] * 5)]
+            out.writerow([trial.number, trial.state.name.lower(), stage, f"{loss:.2f}", *tried, *found])
+
+
+def main() -> int:
+    """Search, then write the log and say what is best."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--minutes", type=float, default=30)
+    parser.add_argument("--processes", type=int, default=2)
+    parser.add_argument("--journal", type=Path, default=Path("outputs/calibration/journal.log"))
+    args = parser.parse_args()
+    environment.prepare()
+    args.journal.parent.mkdir(parents=True, exist_ok=True)
+    study = open_study(args.journal, 0)
+    if not study.trials:
+        study.enqueue_trial(scenario.REFERENCE)
+    context = multiprocessing.get_context("spawn")
+    seeds = [time.time_ns() % 2**31 + i for i in range(args.processes)]
+    workers = [context.Process(target=work, args=(args.journal, args.minutes, seed)) for seed in seeds]
+    for worker in workers:
+        worker.start()
+    for worker in workers:
+        worker.join()
+    save_log(study, HERE / "trials.csv")
+    print(study.best_trial.value, study.best_trial.params, study.best_trial.user_attrs, sep="\n")
+    return max(abs(worker.exitcode or 0) for worker in workers)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,82 @@
+"""One trial in detail, for pictures: the paths a planner sampled at each step, the matching residual.
+
+The residual (Proposition 3) is taken along the trial's own nominal, the belief mean that its controls led
+to, for the covariances of both readings of sigma_o: "sample" by the filter's recursion, "intensity" by the
+Riccati equation.
+"""
+
+from dataclasses import replace
+from typing import Any
+
+import jax
+import numpy as np
+from jax import Array
+
+from ..belief import GainSchedule, gain_schedule, prior
+from ..matching import best_weight, matched_weight, residual
+from ..problem import Controller, Filter, Problem
+from ..simulate import closed_loop
+from .build import build
+
+SHOWN = 40  # sampled paths kept of each step: the heaviest quarter, and the first of the others
+
+
+def record(config: dict[str, Any]) -> dict[str, Any]:
+    """Run the trial `config["record"]` again and keep what `run_trials` does not."""
+    with jax.enable_x64(config["precision"] == "float64"):
+        parts = jax.device_put(build(config))
+        samples, controls = _run(*parts, config["seed"], config["record"])
+        kept = None if samples is None else _thin(*(np.asarray(part, dtype=float) for part in samples))
+        return {
+            "trial": config["record"],
+            "samples": kept,
+            "matching": _matching(parts.problem, parts.controller, controls),
+        }
+
+
+@jax.jit
+def _run(
+    problem: Problem, filter: Filter, controller: Controller, seed: Any, trial: Any
+) -> tuple[tuple[Array, Array] | None, Array]:
+    """Positions (T, H, d, N) and weights (T, N) of the sampled paths, if the planner tells them; controls (T, nu)."""
+    place = jax.vmap(jax.vmap(problem.system.position, in_axes=-1, out_axes=-1))
+
+    def note(info: Any) -> tuple[Array, Array] | None:
+        return (place(info.means), info.weights) if hasattr(info, "means") else None
+
+    result, samples = closed_loop(problem, filter, controller, seed, trial, note)
+    return samples, result.controls
+
+
+def _thin(positions: np.ndarray, weights: np.ndarray) -> dict[str, Any]:
+    """`SHOWN` paths of each step: positions (T, SHOWN, H, d) in metres, weights (T, SHOWN)."""
+    shown = min(SHOWN, weights.shape[1])
+    order = np.argsort(-weights, axis=1, kind="stable")
+    heavy, others = order[:, : shown // 4], np.sort(order[:, shown // 4 :], axis=1)
+    chosen = np.concatenate([heavy, others[:, : shown - shown // 4]], axis=1)
+    paths = np.take_along_axis(positions, chosen[:, None, None, :], axis=3).transpose(0, 3, 1, 2)
+    kept = np.take_along_axis(weights, chosen, axis=1)
+    return {"position": np.round(paths, 3).tolist(), "weight": np.round(kept, 5).tolist()}
+
+
+def _matching(problem: Problem, controller: Controller, controls: Array) -> dict[str, Any]:
+    """Residuals (T,) at the best weight of each step and, if the controller has a temperature, at lambda R^-1."""
+    curves: dict[str, Any] = {}
+    temperature = getattr(controller, "temperature", None)
+    for convention, method in (("sample", "filter"), ("intensity", "riccati")):
+        system: Any = problem.system
+        told = replace(problem, system=replace(system, noise_convention=convention))
+        schedule = gain_schedule(told, prior(told), controls, method)
+        curves[convention] = {"optimum": _curve(told, schedule, None)}
+        if temperature is not None:
+            curves[convention]["imposed"] = _curve(told, schedule, matched_weight(problem.cost.R, temperature))
+    return curves
+
+
+def _curve(problem: Problem, schedule: GainSchedule, weight: Array | None) -> list[float | None]:
+    def at(mean: Array, D: Array) -> Array:
+        G = problem.system.G(mean)
+        return residual(D, G, best_weight(D, G) if weight is None else weight)
+
+    values = jax.jit(jax.vmap(at))(schedule.mean[:-1], schedule.diffusion)
+    return [round(float(value), 5) if np.isfinite(value) else None for value in values]

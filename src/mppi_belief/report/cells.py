@@ -1,0 +1,106 @@
+"""What was found of a cell on disk, read once and handed to tables and figures."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from ..settings import labels
+from ..study import results
+from ..study.plan import Cell
+
+NAMES = {
+    "belief": "MPPI-Belief",
+    "ce": "CE-MPPI",
+    "pipf": "PIPF",
+    "ilqg": "EKF-iLQG",
+    "algorithm_1": "Algorithm 1",
+    "oracle": "Oracle",
+    "lqg": "LQG",
+}  # controllers by the names that the paper gives them
+
+
+class Found(NamedTuple):
+    """A cell and its results.
+
+    rows        the first `wanted` trials that are done, one row each, failed ones too
+    good        those of them that went well: what averages are taken of
+    paths       a row per step of the kept trials among them: trial, step, state, mean, cov (flat), control
+    scene       dt, start, goal, obstacles, radius, noise; None where nothing was kept
+    seconds     wall times of single control steps, empty where none were taken
+    recording   one trial in detail (`mppi_belief.experiment.recording`), or None
+    sources     the provenance of every part file
+    """
+
+    cell: Cell
+    wanted: int
+    rows: pd.DataFrame
+    paths: pd.DataFrame
+    scene: dict[str, Any] | None
+    seconds: list[float]
+    recording: dict[str, Any] | None
+    sources: list[dict[str, Any]]
+
+    @property
+    def good(self) -> pd.DataFrame:
+        return self.rows[self.rows["status"] == "ok"]
+
+    @property
+    def missing(self) -> int:
+        return self.wanted - len(self.rows)
+
+    @property
+    def labels(self) -> dict[str, Any]:
+        return labels(self.cell.config)
+
+    @property
+    def method(self) -> str:
+        """The controller's option, a key of `NAMES`."""
+        return str(self.cell.config["names"]["controller"])
+
+    @property
+    def name(self) -> str:
+        """The method as the paper calls it."""
+        return NAMES.get(self.method, self.method)
+
+    @property
+    def collided(self) -> np.ndarray:
+        """Of the good trials, (n,) bool."""
+        return self.good["collided"].to_numpy(dtype=bool)
+
+
+def find(cell: Cell, root: Path, wanted: int, warn: Callable[[str], None]) -> Found:
+    """Read a cell's results; what cannot be read is named to `warn` and left out."""
+    folder = root / cell.id
+    rows = results.read_rows(folder, warn)
+    rows = rows[rows["trial"] < wanted].reset_index(drop=True)
+    paths = results.read_paths(folder, warn)
+    paths = paths[paths["trial"].isin(rows["trial"])]
+    timing, record = results.read_json(folder, "timing"), cell.config.get("record")
+    return Found(
+        cell,
+        wanted,
+        rows,
+        paths,
+        results.read_json(folder, "scene"),
+        timing["seconds"] if timing else [],
+        None if record is None else results.read_json(folder, f"recording-{record}"),
+        results.read_sources(folder),
+    )
+
+
+def paired(first: Found, second: Found) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """The good rows of the trials that both have, in the same order: they met the same noise."""
+    common = np.intersect1d(first.good["trial"], second.good["trial"])
+    one, other = (found.good.set_index("trial").loc[common] for found in (first, second))
+    return one, other
+
+
+def by_method(founds: Sequence[Found]) -> dict[str, list[Found]]:
+    """The cells of each method, in the order in which they are given."""
+    methods: dict[str, list[Found]] = {}
+    for found in founds:
+        methods.setdefault(found.method, []).append(found)
+    return methods
