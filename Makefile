@@ -4,7 +4,7 @@ BIN := $(VENV)/bin
 ARGS ?=
 
 .DEFAULT_GOAL := help
-.PHONY: help install run test test-solver check lint types layers format bench picture clean
+.PHONY: help install run report calibration test test-solver check lint types layers format bench picture clean
 
 help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -20,6 +20,16 @@ install: $(VENV)/.installed  ## make the environment in .venv
 
 run: install  ## the main job: MPPI-Belief, 200 trials, a table and a picture
 	$(BIN)/mppi-belief run controller=belief theta=1 $(ARGS)
+
+STUDIES := table_1 w_obs_sweep theta_sweep expectation diffusion horizon_and_samples
+
+report: install  ## run what is missing of the paper's studies, then tables, figures and outputs/report/index.html
+	@set -e; for study in $(STUDIES); do echo "== $$study"; $(BIN)/mppi-belief run experiment=$$study $(ARGS); done
+	$(BIN)/mppi-belief report $(ARGS)
+
+calibration: install  ## search the numbers the paper leaves open (an hour; goes on where it stopped)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[dev,calibration]"
+	$(BIN)/python experiments/calibration/search.py $(ARGS)
 
 test: install  ## the test suite
 	$(BIN)/python -m pytest $(ARGS)

@@ -44,13 +44,40 @@ def test_mean_and_covariance_are_kalmans_on_a_linear_system(x64, rng):
     assert_mean(found.cov, exact.cov)
 
 
-def test_likelihood_takes_the_noise_at_each_particle(x64):
+def test_likelihood_is_the_normal_density_with_the_noise_of_the_place_it_is_told(x64):
     problem = light_dark_problem()
     y = jnp.array([2.0, 0.3])
     for x in (jnp.array([1.0, 0, 0, 0]), jnp.array([5.0, 0.1, 0, 0]), jnp.array([7.0, 1.0, 0, 0])):
-        sigma = abs(float(x[0]) - 5) / np.sqrt(2) + 0.1
-        expected = stats.multivariate_normal(x[:2], sigma**2 * np.eye(2)).logpdf(y) + np.log(2 * np.pi)
-        np.testing.assert_allclose(log_likelihood(problem, x, y), expected, rtol=1e-10)
+        for at in (x, jnp.array([6.0, 0, 0, 0])):
+            sigma = abs(float(at[0]) - 5) / np.sqrt(2) + 0.1
+            expected = stats.multivariate_normal(x[:2], sigma**2 * np.eye(2)).logpdf(y) + np.log(2 * np.pi)
+            np.testing.assert_allclose(log_likelihood(problem, x, at, y), expected, rtol=1e-10)
+
+
+def lost_in_the_light(noise_at: str) -> tuple[np.ndarray, np.ndarray]:
+    """Positions p_x and weights of particles between 5.3 and 6.7 m when the vehicle is seen at 5 m."""
+    problem = light_dark_problem()
+    filter = mb.ParticleFilter(50, resample_below=0.0, noise_at=noise_at)
+    particles = jnp.zeros((4, 50)).at[0].set(jnp.linspace(5.3, 6.7, 50))
+    belief = summarised(particles, jnp.zeros(50))
+    after = filter.update(problem, belief, jnp.zeros(2), jnp.array([5.0, 0.0]), jax.random.key(0))
+    return np.asarray(after.particles[0]), np.exp(after.log_weights)
+
+
+def test_with_the_noise_at_each_particle_those_farther_off_explain_the_measurement():
+    """N(5; p, sigma(p)) grows with |p - 5| as long as sigma grows faster than the distance is off."""
+    where, weight = lost_in_the_light("particle")
+    sigma = np.abs(where - 5) / np.sqrt(2) + 0.1
+    expected = np.exp(-0.5 * ((where - 5) / sigma) ** 2) / sigma**2
+    np.testing.assert_allclose(weight, expected / expected.sum(), rtol=1e-3)
+
+
+def test_with_the_noise_at_the_mean_the_nearest_particles_weigh_most():
+    where, weight = lost_in_the_light("mean")
+    sigma = abs(where.mean() - 5) / np.sqrt(2) + 0.1
+    expected = np.exp(-0.5 * ((where - 5) / sigma) ** 2)
+    np.testing.assert_allclose(weight, expected / expected.sum(), rtol=1e-3)
+    assert np.all(np.diff(weight[np.argsort(where)]) < 0)
 
 
 @pytest.mark.parametrize("y", [[1e6, -1e6], [1e18, 0.0], [3e38, 0.0]])

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from mppi_belief.study.plan import Cell, Chunk
-from mppi_belief.study.pool import Lost, Pool
+from mppi_belief.study.pool import Lost, Pool, WorkerDied
 from study_helpers import TESTS, answer, config, ended, leave_marks, limited, path_and_environment, poll
 
 
@@ -98,10 +98,11 @@ def test_a_stopped_pool_runs_nothing(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_call_returns_a_result_and_none_when_its_worker_dies():
+def test_call_returns_a_result_or_says_that_its_worker_died():
     pool = Pool(answer, 1, [TESTS], print)
     assert pool.call(answer, config(seed=4), [1]) == [(4, 1)]
-    assert pool.call(answer, config(exits=1), [1]) is None
+    with pytest.raises(WorkerDied):
+        pool.call(answer, config(exits=1), [1])
     assert pool.call(answer, config(seed=5), [1]) == [(5, 1)]
     with pytest.raises(ValueError, match="trial 1 is cursed"):
         pool.call(answer, config(raises=1), [1])

@@ -15,7 +15,7 @@ from mppi_belief.study.plan import Cell
 from mppi_belief.study.pool import Pool
 from mppi_belief.study.runner import Outcome, Task, run_study
 from mppi_belief.study.signals import StoppedAtOnce, polite_stop
-from study_helpers import TESTS, config, failed_row, limited, run_trials, time_steps
+from study_helpers import TESTS, config, failed_row, limited, record, run_trials, time_steps
 
 
 @pytest.fixture(autouse=True)

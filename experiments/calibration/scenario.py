@@ -44,6 +44,24 @@ REFERENCE: dict[str, Any] = {
 }  # fmt: skip
 
 
+# Where the search starts. Scanning one number at a time from the reference, a larger R and velocity weight
+# narrow EKF-iLQG's lead over CE-MPPI, and a smaller obstacle weight lowers the cost of MPPI-Belief.
+STARTS = (
+    REFERENCE,
+    REFERENCE | {"r": 0.3, "q_velocity": 1.0, "q_position": 1.2, "w_obs": 250.0},
+    REFERENCE | {"r": 0.3, "q_velocity": 1.0, "q_position": 1.2, "w_obs": 250.0, "steps": 80},
+    REFERENCE | {"r": 0.6, "q_velocity": 1.0, "q_position": 1.0, "w_obs": 200.0, "control_std": 2.0},
+    REFERENCE | {"r": 0.5, "q_velocity": 0.6, "q_position": 1.2, "w_obs": 200.0, "control_std": 2.2},
+    REFERENCE | {"r": 0.2, "q_velocity": 2.0, "q_position": 1.0, "w_obs": 250.0},
+    REFERENCE | {"r": 0.4, "q_velocity": 1.5, "q_position": 1.2, "w_obs": 150.0, "control_std": 2.75},
+    {  # the best of an earlier search, in which the particle filter took the noise at each particle
+        "start_x": -0.85, "start_y": 0.4, "goal_x": 8.5, "prior_std": 0.215, "q_position": 0.374, "q_velocity": 0.735,
+        "terminal_position": 6.76, "terminal_velocity": 0.033, "r": 0.022, "bump_width": 0.427, "w_obs": 1390.0,
+        "control_std": 1.58, "steps": 50,
+    },
+)  # fmt: skip
+
+
 def base_configs() -> dict[str, dict[str, Any]]:
     """The composed configuration of each method."""
     return {method: collect([f"controller={method}", f"seed={SEED}"])[0] for method in METHODS}

@@ -17,10 +17,10 @@ from pathlib import Path
 from typing import Any
 
 import optuna
-import scenario
 from optuna.storages import JournalStorage
 from optuna.storages.journal import JournalFileBackend
 
+import scenario
 from mppi_belief.study import environment
 
 HERE = Path(__file__).parent
@@ -96,8 +96,8 @@ def main() -> int:
     environment.prepare()
     args.journal.parent.mkdir(parents=True, exist_ok=True)
     study = open_study(args.journal, 0)
-    if not study.trials:
-        study.enqueue_trial(scenario.REFERENCE)
+    for start in scenario.STARTS:
+        study.enqueue_trial(start, skip_if_exists=True)
     context = multiprocessing.get_context("spawn")
     seeds = [time.time_ns() % 2**31 + i for i in range(args.processes)]
     workers = [context.Process(target=work, args=(args.journal, args.minutes, seed)) for seed in seeds]

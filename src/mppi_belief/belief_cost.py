@@ -33,12 +33,25 @@ def quadrature_moments(cost: Cost, mean: Array, cov: Array) -> CostMoments:
     )
 
 
-def risk_sensitive(cost: Cost, mean: Array, cov: Array, theta: Array | float, risk: str = "penalty") -> Array:
-    """q_RS (). `risk` says what the variance is taken of: "penalty" (the obstacles) or "total" (all of q)."""
+def risk_sensitive(
+    cost: Cost,
+    mean: Array,
+    cov: Array,
+    theta: Array | float,
+    risk: str = "penalty",
+    expectation: str = "exact",
+) -> Array:
+    """q_RS ().
+
+    `risk` says what the variance is taken of: "penalty" (the obstacles) or "total" (all of q). `expectation` says
+    how the obstacle penalty is expected: "exact", or "at_mean", its value at the mean, with which theta = 0
+    is the certainty-equivalent planner (the rest of E[q] differs from base(mean) by the same for all paths).
+    """
     m = running_moments(cost, mean, cov)
     total = jnp.maximum(m.base_var + 2 * m.covariance + m.penalty_var, 0.0)  # quadrature weights may be negative
     variance = m.penalty_var if risk == "penalty" else total
-    return m.base + m.penalty + 0.5 * theta * variance
+    penalty = m.penalty if expectation == "exact" else cost.penalty(mean)
+    return m.base + penalty + 0.5 * theta * variance
 
 
 def certainty_equivalent(cost: Cost, mean: Array) -> Array:

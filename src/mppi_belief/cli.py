@@ -1,4 +1,4 @@
-"""The command line: `mppi-belief run ...`. The only file that imports Hydra.
+"""The command line: `mppi-belief run ...`, `mppi-belief report ...`. The only file that imports Hydra.
 
 Collect, then execute: Hydra composes one configuration per job of a sweep and hands it to a function
 that only puts it on a list; when all are there they are checked as a whole and run as one plan.
@@ -23,6 +23,8 @@ from .study.signals import held
 
 INPUT_ERROR, SOME_FAILED, CANNOT_WRITE = 2, 3, 74
 RUNTIME_KEYS = ("n_trials", "workers", "results_dir", "report_dir", "record")  # they do not change what a trial is
+COMMANDS = ("run", "report")
+FIRST_WORDS = (*COMMANDS, "--help", "--version")
 NAMED_GROUPS = ("system", "cost", "filter", "controller")
 
 USAGE = """\
@@ -30,11 +32,24 @@ usage: mppi-belief COMMAND [ARGS]
 
   run         run trials of a controller, or of a sweep     mppi-belief run controller=belief theta=1
               all keys and options:                         mppi-belief run --help
+  report      tables, figures and a page from results       mppi-belief report
+              of some studies, with other settings:         mppi-belief report experiment=table_1 n_trials=50
 
   --version   print the version
   --help      print this
 
 Tab completion in bash: eval "$(mppi-belief -sc install=bash)"
+"""
+
+REPORT_USAGE = """\
+usage: mppi-belief report [experiment=NAME[,NAME...]] [KEY=VALUE ...]
+
+Reads what `mppi-belief run experiment=NAME` has left in results_dir, runs nothing, and writes tables
+(LaTeX, Markdown, CSV), figures (PNG, PDF) and a page (index.html) into report_dir. KEY=VALUE as for run:
+give the same settings. Without a name, all of: {studies}
+
+Exit codes: 0 done, 2 bad input, 3 trials are missing (the report has what there is, and says how to run
+the rest), 74 the report cannot be written.
 """
 
 
@@ -52,6 +67,8 @@ def main() -> int:
     if args[0] == "run":
         with held():
             return _guarded(lambda: run(args[1:]))
+    if args[0] == "report":
+        return _guarded(lambda: report(args[1:]))
     guess = f"; did you mean `mppi-belief run {' '.join(args)}`?" if "=" in args[0] or args[0].startswith("-") else ""
     return _complain(f"unknown command '{args[0]}'{guess or '; see mppi-belief --help'}", INPUT_ERROR)
 
@@ -162,6 +179,25 @@ def run(args: Sequence[str]) -> int:
     return _tell(list(cells.values()), root, n_trials, outcome)
 
 
+def report(args: Sequence[str]) -> int:
+    """`mppi-belief report`: what the studies' results show, as tables, figures and a page; runs nothing."""
+    from .report.write import STUDIES
+    from .report.write import report as write
+    from .study.plan import Cell
+
+    if any(arg in ("-h", "--help") for arg in args):
+        print(REPORT_USAGE.format(studies=" ".join(STUDIES)), end="")
+        return 0
+    chosen = [arg.partition("=")[2].split(",") for arg in args if arg.startswith("experiment=")]
+    overrides = [arg for arg in args if not arg.startswith("experiment=")]
+    names = [name for part in chosen for name in part] or list(STUDIES)
+    composed = {name: collect([f"experiment={name}", *overrides]) for name in names}
+    studies = {name: [Cell(config) for config in configs] for name, configs in composed.items()}
+    first = composed[names[0]][0]
+    root, folder = Path(first["results_dir"]), Path(first["report_dir"])
+    return 0 if write(studies, root, first["n_trials"], folder, overrides) else SOME_FAILED
+
+
 def _config_dirs(args: Sequence[str]) -> list[str]:
     """What --config-dir names: modules beside a user's yaml can be named in it."""
     given = [arg.partition("=")[2] for arg in args if arg.startswith("--config-dir=")]
@@ -184,9 +220,9 @@ def _complete(args: Sequence[str]) -> int:
     line = os.environ.get("COMP_LINE", "")
     words = line.split()
     if any(arg.startswith("query=") for arg in args):
-        if len(words) < 2 or (len(words) == 2 and words[1] != "run" and not line.endswith(" ")):
-            print("run --help --version" if len(words) < 2 or "run".startswith(words[1]) else "")
+        if len(words) < 2 or (len(words) == 2 and words[1] not in COMMANDS and not line.endswith(" ")):
+            print(" ".join(word for word in FIRST_WORDS if len(words) < 2 or word.startswith(words[1])))
             return 0
-        os.environ["COMP_LINE"] = line.replace(" run", "", 1)
+        os.environ["COMP_LINE"] = line.replace(f" {words[1]}", "", 1)
     compose(args, lambda config: None)
     return 0

@@ -42,6 +42,7 @@ class MPPIBelief:
     diffusion     "matched" or "innovation", see `mppi_belief.path_integral`
     evaluate      "belief" charges q_RS, "mean" the cost at the mean (certainty equivalence)
     theta, risk   Remark 4 and what its variance is taken of
+    expectation   "exact" or "at_mean": how the obstacle penalty is expected, see `mppi_belief.belief_cost`
     charge        the end of a step at which q is charged, see `mppi_belief.path_integral.path_costs`
     sees_state    an oracle: told the true state instead of the belief
     schedule      how the covariance is planned, see `mppi_belief.belief.gain_schedule`
@@ -57,6 +58,7 @@ class MPPIBelief:
     evaluate: str = choice("belief", "mean")
     theta: float = number(0.0, ge=0)
     risk: str = choice("penalty", "total")
+    expectation: str = choice("exact", "at_mean")
     charge: str = choice("end", "start")
     schedule: str = choice("filter", "riccati")
     sees_state: bool = choice(False, True)
@@ -107,7 +109,7 @@ class MPPIBelief:
         def running(mu: Array, cov: Array) -> Array:
             if self.evaluate == "mean":
                 return certainty_equivalent(cost, mu)
-            return risk_sensitive(cost, mu, cov, self.theta, self.risk)
+            return risk_sensitive(cost, mu, cov, self.theta, self.risk, self.expectation)
 
         def terminal(mu: Array, cov: Array) -> Array:
             return cost.terminal(mu) if self.evaluate == "mean" else expected_terminal(cost, mu, cov)

@@ -3,6 +3,7 @@
 from typing import NamedTuple
 
 TRIALS = 200  # Monte Carlo trials behind every number
+HORIZON = 30
 
 
 class Row(NamedTuple):
@@ -43,3 +44,16 @@ BASELINE_RANGE = (0.11, 0.33)  # collision rates of the baselines at every w_obs
 BELIEF_BELOW = {500.0: 0.01, 2500.0: 0.0}  # the rate of MPPI-Belief from this w_obs on
 
 RESIDUAL = 0.79  # epsilon*, the optimised matching residual
+
+OPEN = {
+    "problem.prior_mean": "start (m, m/s)",
+    "problem.prior_std": "initial uncertainty (m, m/s)",
+    "problem.steps": "trial length",
+    "cost.goal": "goal (m, m/s)",
+    "cost.running_weight": "Q^x",
+    "cost.terminal_weight": "terminal weight",
+    "cost.control_weight": "R",
+    "cost.bump_width": "width of the obstacle penalty (m)",
+    "cost.w_obs": "obstacle weight (1/s)",
+    "controller.control_std": "spread of sampled controls (m/s^2)",
+}  # what the paper does not give

@@ -1,9 +1,11 @@
-"""Intervals on what trials show."""
+"""Intervals on what trials show, and on differences between two methods that met the same noise."""
 
 from typing import NamedTuple
 
 import numpy as np
 from scipy.special import betaincinv, stdtrit
+
+RESAMPLES = 9999
 
 
 class Estimate(NamedTuple):
@@ -13,15 +15,22 @@ class Estimate(NamedTuple):
     low: float
     high: float
 
+    def times(self, factor: float) -> "Estimate":
+        """In another unit."""
+        return Estimate(*(factor * part for part in self))
+
+
+NOTHING = Estimate(float("nan"), float("nan"), float("nan"))
+
 
 def mean_interval(values: np.ndarray, level: float = 0.95) -> Estimate:
     """Sample mean with Student's t interval; an interval of NaN for fewer than two values."""
     values = np.asarray(values, dtype=float)
     if len(values) == 0 or not np.all(np.isfinite(values)):
-        return Estimate(float(np.mean(values)) if len(values) else float("nan"), float("nan"), float("nan"))
+        return NOTHING._replace(value=float(np.mean(values)) if len(values) else float("nan"))
     center = float(np.mean(values))
     if len(values) == 1:
-        return Estimate(center, float("nan"), float("nan"))
+        return NOTHING._replace(value=center)
     half = float(stdtrit(len(values) - 1, (1 + level) / 2) * np.std(values, ddof=1) / np.sqrt(len(values)))
     return Estimate(center, center - half, center + half)
 
@@ -29,8 +38,50 @@ def mean_interval(values: np.ndarray, level: float = 0.95) -> Estimate:
 def proportion_interval(successes: int, trials: int, level: float = 0.95) -> Estimate:
     """Proportion with the exact interval of Clopper and Pearson (1934)."""
     if trials == 0:
-        return Estimate(float("nan"), float("nan"), float("nan"))
+        return NOTHING
     tail, failures = (1 - level) / 2, trials - successes
     low = float(betaincinv(successes, failures + 1, tail)) if successes else 0.0
     high = float(betaincinv(successes + 1, failures, 1 - tail)) if failures else 1.0
     return Estimate(successes / trials, low, high)
+
+
+def paired_mean_difference(first: np.ndarray, second: np.ndarray, level: float = 0.95) -> Estimate:
+    """Mean of first - second over pairs (n,), with the bias-corrected accelerated bootstrap interval
+    (Efron 1987); NaN for fewer than three pairs, no width where all pairs differ alike."""
+    from scipy.stats import bootstrap  # half a second to import
+
+    difference = np.asarray(first, dtype=float) - np.asarray(second, dtype=float)
+    value = float(np.mean(difference)) if len(difference) else float("nan")
+    if len(difference) < 3:
+        return NOTHING._replace(value=value)
+    if np.ptp(difference) == 0:
+        return Estimate(value, value, value)
+    found = bootstrap(
+        (difference,), np.mean, confidence_level=level, n_resamples=RESAMPLES, rng=np.random.default_rng(0)
+    )
+    return Estimate(value, float(found.confidence_interval.low), float(found.confidence_interval.high))
+
+
+def paired_rate_difference(first: np.ndarray, second: np.ndarray, level: float = 0.95) -> tuple[Estimate, float]:
+    """Rate of first - rate of second over pairs of bool (n,), and the p-value of McNemar's exact test.
+
+    Given the pairs that differ, those in which only the first is true are binomial; the interval is
+    Clopper and Pearson's for that proportion, so it leaves out zero where the test rejects.
+    """
+    first, second = np.asarray(first, dtype=bool), np.asarray(second, dtype=bool)
+    n, only_first, only_second = len(first), int(np.sum(first & ~second)), int(np.sum(second & ~first))
+    differ = only_first + only_second
+    if n == 0:
+        return NOTHING, float("nan")
+    if differ == 0:
+        return Estimate(0.0, 0.0, 0.0), 1.0
+    share = proportion_interval(only_first, differ, level)
+    value, low, high = ((2 * part - 1) * differ / n for part in share)
+    return Estimate(value, low, high), _sign_test(only_first, only_second)
+
+
+def _sign_test(wins: int, losses: int) -> float:
+    """Two-sided p of wins against losses under even odds."""
+    from scipy.stats import binomtest
+
+    return float(binomtest(wins, wins + losses).pvalue)

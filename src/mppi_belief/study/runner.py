@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -94,7 +95,8 @@ def _keep(root: Path, chunk: Chunk, batch: Any, task: Task, started: dict[str, A
             results.write_paths(folder, batch.paths)
         if batch.scene is not None:
             results.write_json(folder, "scene", batch.scene)
-    results.write_rows(folder, rows, {"config": config, **started})
+    elapsed = (datetime.now(UTC) - datetime.fromisoformat(started["started"])).total_seconds()
+    results.write_rows(folder, rows, {"config": config, **started, "elapsed": round(elapsed, 1)})
 
 
 def _extras(root: Path, cell: Cell, pool: Pool, task: Task) -> None:

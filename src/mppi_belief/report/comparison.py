@@ -1,0 +1,94 @@
+"""Table I's four methods side by side: with the paper, and with each other trial by trial."""
+
+import math
+from collections.abc import Sequence
+
+import pandas as pd
+
+from . import published
+from .cells import Found, paired
+from .statistics import Estimate, paired_mean_difference, paired_rate_difference
+from .summary import Summary, interval, summary
+
+
+def table_1(founds: Sequence[Found]) -> pd.DataFrame:
+    """Table I as text: ours, the paper's numbers beside them."""
+    return pd.DataFrame([_line(found, summary(found.rows, found.seconds)) for found in founds])
+
+
+def _line(found: Found, ours: Summary) -> dict[str, str]:
+    paper = published.TABLE_1.get(found.method)
+    return {
+        "Method": found.name,
+        "Trials": str(ours.good),
+        "Cost": "-" if math.isnan(ours.sd) else f"{ours.cost.value:.1f} ± {ours.sd:.1f}",
+        "Paper: cost": f"{paper.cost} ± {paper.spread}" if paper else "-",
+        "Collision %": interval(ours.collided.times(100), 1),
+        "Paper: collision %": f"{100 * paper.collisions / published.TRIALS:.1f}" if paper else "-",
+        "Time ms (p95)": "-" if math.isnan(ours.time) else f"{ours.time:.2f} ({ours.time_p95:.2f})",
+        "Paper: ms": f"{paper.time:g}" if paper else "-",
+    }
+
+
+def differences(founds: Sequence[Found], reference: str = "belief") -> pd.DataFrame:
+    """Each method against the reference over the trials both have, which met the same noise: difference
+    reference - method of cost (BCa bootstrap) and collision rate (exact, McNemar), in text."""
+    methods = {found.method: found for found in founds}
+    lines = []
+    for found in founds:
+        if reference not in methods or found.method == reference:
+            continue
+        one, other = paired(methods[reference], found)
+        cost = paired_mean_difference(one["cost"].to_numpy(), other["cost"].to_numpy())
+        rate, p = paired_rate_difference(one["collided"].to_numpy(bool), other["collided"].to_numpy(bool))
+        lines.append(_difference(methods[reference].name, found.name, len(one), cost, rate, p))
+    return pd.DataFrame(lines)
+
+
+def _difference(reference: str, name: str, n: int, cost: Estimate, rate: Estimate, p: float) -> dict[str, str]:
+    return {
+        "Difference": f"{reference} - {name}",
+        "Pairs": str(n),
+        "Cost [95 %]": interval(cost, 2),
+        "Collisions, points [95 %]": interval(rate.times(100), 1),
+        "McNemar p": "-" if math.isnan(p) else f"{p:.2g}",
+    }
+
+
+def as_latex(founds: Sequence[Found]) -> str:
+    """Table I for the paper's preamble (booktabs): ours where the paper has its own, and the paper's."""
+    lines = [
+        r"\begin{table}[b]",
+        r"\centering",
+        r"\small",
+        r"\caption{Comparative performance on the gradient light-dark domain: mean $\pm$ standard deviation,",
+        r"collision rate with 95\,\% Clopper--Pearson interval, median time of a control step.}",
+        r"\label{tab:exp_baseline}",
+        r"\setlength{\tabcolsep}{3pt}",
+        r"\begin{tabular}{lcccccc}",
+        r"\toprule",
+        r" & \multicolumn{3}{c}{Reproduction} & \multicolumn{3}{c}{Published} \\",
+        r"\cmidrule(lr){2-4}\cmidrule(lr){5-7}",
+        r"Method & Cost & Collision (\%) & ms & Cost & Coll. & ms \\",
+        r"\midrule",
+        *(_latex_line(found) for found in founds),
+        r"\bottomrule",
+        r"\end{tabular}",
+        r"\end{table}",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _latex_line(found: Found) -> str:
+    ours, paper = summary(found.rows, found.seconds), published.TABLE_1.get(found.method)
+    rate = ours.collided.times(100)
+    cells = [
+        found.name,
+        "--" if math.isnan(ours.sd) else rf"${ours.cost.value:.1f} \pm {ours.sd:.1f}$",
+        "--" if math.isnan(rate.value) else rf"${rate.value:.1f}$ [{rate.low:.1f}, {rate.high:.1f}]",
+        "--" if math.isnan(ours.time) else f"{ours.time:.1f}",
+        rf"${paper.cost} \pm {paper.spread}$" if paper else "--",
+        rf"{100 * paper.collisions / published.TRIALS:.1f}\%" if paper else "--",
+        f"{paper.time:g}" if paper else "--",
+    ]
+    return " & ".join(cells) + r" \\"

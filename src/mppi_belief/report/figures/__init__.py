@@ -1,0 +1,27 @@
+"""The figures of a report, from results alone: those of the paper (Sec. VII), and what goes on inside."""
+
+from .animation import animate
+from .diagnostics import ess_figure, residual_figure
+from .style import BLUE, GREEN, INK, ORANGE, look, save, save_both
+from .sweeps import figure_2, theta_figure
+from .trajectories import NAME, Run, compare, figure_1, trajectories
+
+__all__ = [
+    "BLUE",
+    "GREEN",
+    "INK",
+    "NAME",
+    "ORANGE",
+    "Run",
+    "animate",
+    "compare",
+    "ess_figure",
+    "figure_1",
+    "figure_2",
+    "look",
+    "residual_figure",
+    "save",
+    "save_both",
+    "theta_figure",
+    "trajectories",
+]

@@ -1,0 +1,105 @@
+"""How figures look and how they are written: one colour, marker and line per method, files written whole or not at all.
+
+Colours are those of Okabe and Ito, safe for colour blindness; vermillion is kept for collisions.
+"""
+
+import os
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import matplotlib as mpl
+from matplotlib.figure import Figure
+
+BLUE, ORANGE, GREEN, INK, GREY = "#0072B2", "#D55E00", "#009E73", "#222222", "#777777"
+COLUMN = 3.5  # inches, the column of a two-column paper
+DPI = 200
+
+SCREEN: Any = {"font.size": 9, "axes.spines.top": False, "axes.spines.right": False, "legend.frameon": False}
+STYLE: Any = {
+    **SCREEN,
+    "font.size": 7.5,
+    "axes.titlesize": 7.5,
+    "axes.labelsize": 7.5,
+    "xtick.labelsize": 7,
+    "ytick.labelsize": 7,
+    "legend.fontsize": 7,
+    "legend.handlelength": 2.0,
+    "legend.columnspacing": 1.2,
+    "legend.handletextpad": 0.5,
+    "axes.linewidth": 0.6,
+    "axes.titlepad": 3.0,
+    "axes.labelpad": 2.0,
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
+    "xtick.major.size": 2.5,
+    "ytick.major.size": 2.5,
+    "xtick.minor.width": 0.4,
+    "xtick.minor.size": 1.5,
+    "lines.linewidth": 1.1,
+    "lines.markersize": 3.5,
+    "hatch.linewidth": 0.5,
+    "figure.constrained_layout.w_pad": 0.03,
+    "figure.constrained_layout.h_pad": 0.03,
+    "pdf.fonttype": 42,
+}
+
+
+class Look(NamedTuple):
+    """How one method is drawn in every figure."""
+
+    colour: str
+    marker: str
+    line: Any  # a matplotlib linestyle
+
+
+LOOKS = {
+    "belief": Look(BLUE, "o", "-"),
+    "ce": Look("#CC79A7", "s", "--"),
+    "pipf": Look(GREEN, "^", "-."),
+    "ilqg": Look("#56B4E9", "D", (0, (1, 1))),
+    "algorithm_1": Look("#E69F00", "v", (0, (5, 1))),
+    "oracle": Look("#000000", "P", (0, (3, 1, 1, 1))),
+    "lqg": Look("#999999", "X", (0, (4, 2))),
+}  # the methods in the order of every figure
+OTHER = Look("#555555", "*", "-")
+
+
+def look(method: str) -> Look:
+    """Colour, marker and line of a method, a key of `mppi_belief.report.cells.NAMES`; the same for all unknown ones."""
+    return LOOKS.get(method, OTHER)
+
+
+def place(method: str) -> int:
+    """Where a method stands among others: belief, ce, pipf, ilqg, the rest; unknown ones last."""
+    return [*LOOKS].index(method) if method in LOOKS else len(LOOKS)
+
+
+def save(figure: Figure, path: Path) -> None:
+    """Write a PNG whole or not at all."""
+    atomically(path, lambda temporary: figure.savefig(temporary, dpi=DPI, format="png"))
+
+
+def save_both(figure: Figure, folder: Path, stem: str) -> list[str]:
+    """Write `stem`.png and `stem`.pdf into a folder, each whole or not at all; their names in it.
+
+    No dates are in them: a figure drawn from the same results is the same bytes.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    undated: dict[str, Any] = {"png": {"Software": None}, "pdf": {"CreationDate": None}}
+    for kind, metadata in undated.items():
+        write = partial(figure.savefig, dpi=DPI, format=kind, metadata=metadata)
+        with mpl.rc_context(STYLE):
+            atomically(folder / f"{stem}.{kind}", write)
+    return [f"{stem}.{kind}" for kind in undated]
+
+
+def atomically(path: Path, write: Callable[[Path], Any]) -> None:
+    """Let `write` fill a temporary file and put it in the place of `path`; nothing is left behind where it fails."""
+    temporary = path.with_name(f".tmp-{os.getpid()}-{path.name}")
+    try:
+        write(temporary)
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)

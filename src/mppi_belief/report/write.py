@@ -1,0 +1,58 @@
+"""The report: every table and figure of the studies, and one page with all of them."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from ..study.plan import Cell
+from .cells import Found, find
+from .comparison import table_1
+from .files import write_text
+from .origin import provenance, warnings
+from .page import Page, render
+from .sections import BUILDERS, Studies, sections
+
+PAGE = "index.html"
+STUDIES = tuple(BUILDERS)
+TITLE = "Path integral control in Gaussian belief space: the experiments, run anew"
+LEAD = (
+    "Das and Tanaka plan in the space of Gaussian beliefs and report a vehicle that never collides where three "
+    "baselines do. These are their experiments with this package, beside the numbers they print."
+)
+
+
+def report(studies: dict[str, list[Cell]], root: Path, wanted: int, folder: Path, overrides: Sequence[str]) -> bool:
+    """Read the results of some studies' cells below `root`, the first `wanted` trials of each, write the report
+    into `folder` and say on the terminal what it holds and what is missing; whether everything was there."""
+    complaints: dict[str, None] = {}  # cells that two studies share complain once
+    found = {
+        name: [find(cell, root, wanted, complaints.setdefault) for cell in cells] for name, cells in studies.items()
+    }
+    page = write_report(found, folder, list(complaints))
+    if any(len(one.good) for one in found.get("table_1", [])):
+        print(table_1(found["table_1"]).to_string(index=False))
+    lines = missing_lines(found, overrides)
+    for line in [*complaints, *lines]:
+        print(line)
+    print(f"report: {page}")
+    return not lines
+
+
+def write_report(studies: Studies, folder: Path, complaints: Sequence[str]) -> Path:
+    """Write everything into `folder` and return the page's path; `complaints` are shown as warnings."""
+    folder.mkdir(parents=True, exist_ok=True)
+    founds: list[Found] = list({one.cell.id: one for founds in studies.values() for one in founds}.values())
+    page = Page(TITLE, LEAD, [*warnings(founds), *complaints], sections(studies, folder), provenance(founds))
+    write_text(folder / PAGE, render(page, folder))
+    return folder / PAGE
+
+
+def missing_lines(studies: Studies, overrides: Sequence[str]) -> list[str]:
+    """One line for each study that is not complete: what is missing, and the command that runs it."""
+    lines = []
+    for name, founds in studies.items():
+        behind = [found for found in founds if found.missing > 0]
+        if behind:
+            trials = sum(found.missing for found in behind)
+            command = " ".join(["mppi-belief run", f"experiment={name}", *overrides])
+            lines.append(f"missing: {trials} trials in {len(behind)} of {len(founds)} cells of {name}; {command}")
+    return lines

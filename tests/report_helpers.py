@@ -1,0 +1,128 @@
+"""Studies whose results are made up and written as a run leaves them: no trial is run."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from mppi_belief.report.cells import Found, find
+from mppi_belief.study import results
+from mppi_belief.study.plan import Cell
+from study_helpers import config, failed_row, row
+
+PATH_COLUMNS = ("trial", "step", "state", "mean", "cov", "control")
+SCENE: dict[str, Any] = {
+    "dt": 0.1,
+    "start": [1.0, 1.0],
+    "goal": [7.0, 0.0],
+    "obstacles": [[3.0, 1.0], [3.0, -1.0]],
+    "radius": 0.65,
+    "noise": {"x": [-4.0, 5.0, 12.0], "y": [-6.0, 6.0], "level": [[6.0, 0.1, 5.0], [6.0, 0.1, 5.0]]},
+}
+
+
+def setting(method: str = "belief", theta: float = 1.0, w_obs: float = 500.0, seed: int = 0, **swept: Any) -> Cell:
+    """A cell by the labels that a report goes by."""
+    made = config(seed)
+    names = made["names"] | {"controller": method}
+    groups = {"controller": {"theta": theta}, "cost": {"w_obs": w_obs}}
+    return Cell(made | groups | {"names": names, "swept": swept})
+
+
+def spread_out(n: int, mean: float, sd: float) -> np.ndarray:
+    """n values with exactly this mean and this standard deviation."""
+    if n < 2 or sd == 0:
+        return np.full(n, mean)
+    values = np.linspace(-1.0, 1.0, n)
+    return mean + sd * values / np.std(values, ddof=1)
+
+
+def trials(
+    n: int, hits: int = 0, cost: tuple[float, float] = (50.0, 6.0), clearance: tuple[float, float] = (0.5, 0.2)
+) -> list[dict[str, Any]]:
+    """Rows of n trials, the first `hits` of which collide; means and standard deviations as given."""
+    columns = zip(spread_out(n, *cost), spread_out(n, *clearance), strict=True)
+    return [row(trial, cost=c, clearance=far, collided=trial < hits) for trial, (c, far) in enumerate(columns)]
+
+
+def random_trials(rng: np.random.Generator, numbers: Sequence[int], rate: float, cost: float) -> list[dict[str, Any]]:
+    """Rows of these trials, as random as trials are."""
+    return [
+        row(
+            trial,
+            cost=float(rng.normal(cost, 6.0)),
+            clearance=float(rng.normal(0.5, 0.2)),
+            collided=rng.random() < rate,
+        )
+        for trial in map(int, numbers)
+    ]
+
+
+def lost(trial: int) -> dict[str, Any]:
+    return failed_row({}, trial, "error", "oh dear")
+
+
+def held(
+    cell: Cell, rows: Sequence[dict[str, Any]], wanted: int | None = None, sources: Sequence[dict[str, Any]] = ()
+) -> Found:
+    """The cell as if these rows had been found."""
+    table = pd.DataFrame(list(rows), columns=[*row(0)])
+    wanted = len(rows) if wanted is None else wanted
+    return Found(cell, wanted, table, pd.DataFrame(columns=[*PATH_COLUMNS]), None, [], None, list(sources))
+
+
+def store(
+    root: Path,
+    cell: Cell,
+    rows: Sequence[dict[str, Any]],
+    seconds: Sequence[float] = (),
+    source: dict[str, Any] | None = None,
+) -> Path:
+    """Write these rows, in files of at most ten, and the wall times of control steps; the cell's folder."""
+    folder = root / cell.id
+    for start in range(0, len(rows), 10):
+        results.write_rows(folder, rows[start : start + 10], {"config": cell.config, **(source or {})})
+    if seconds:
+        results.write_json(folder, "timing", {"seconds": list(seconds)})
+    return folder
+
+
+def store_pictured(folder: Path, trial: int, steps: int = 3) -> None:
+    """What pictures need beside the rows: the path of one trial in the plane, its scene, a recording of it."""
+    where = [np.array([1.0 + k, 1.0 - k / 4, 1.0, -0.25]) for k in range(steps + 1)]
+    cov, u = 0.02 * np.eye(4).ravel(), np.zeros(2)
+    results.write_paths(
+        folder,
+        [
+            {"trial": trial, "step": k, "state": x, "mean": x + 0.1, "cov": cov, "control": u}
+            for k, x in enumerate(where)
+        ],
+    )
+    results.write_json(folder, "scene", SCENE)
+    samples = [[[[*(x[:2] + h)] for h in (0.0, 0.5)] for _ in range(4)] for x in where[:-1]]
+    curves = {"optimum": [0.9, 0.81, None][:steps], "imposed": [3.0, 2.0, 1.5][:steps]}
+    results.write_json(
+        folder,
+        f"recording-{trial}",
+        {
+            "trial": trial,
+            "samples": {"position": samples, "weight": [[0.4, 0.3, 0.2, 0.1]] * steps},
+            "matching": {"sample": curves, "intensity": curves},
+        },
+    )
+
+
+def read(root: Path, *cells: Cell, wanted: int = 200) -> list[Found]:
+    """The cells as a report finds them; nothing may be complained about."""
+    complaints: list[str] = []
+    founds = [find(cell, root, wanted, complaints.append) for cell in cells]
+    assert complaints == []
+    return founds
+
+
+def rows_on_disk(root: Path, cell: Cell) -> pd.DataFrame:
+    """The good rows of a cell by pandas alone."""
+    table = pd.concat([pd.read_parquet(path) for path in sorted((root / cell.id).glob("part-*.parquet"))])
+    return table[table["status"] == "ok"].set_index("trial").sort_index()

@@ -1,0 +1,165 @@
+"""Differences between two methods that met the same noise; the intervals of one method are in test_report.py."""
+
+import math
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy import stats
+
+from helpers import SIGMAS
+from mppi_belief.report import statistics
+from mppi_belief.report.statistics import Estimate, paired_mean_difference, paired_rate_difference
+
+SMALL_COUNTS = st.integers(0, 25)
+
+
+def bca(values: np.ndarray, resamples: int, rng: np.random.Generator) -> tuple[float, float, np.ndarray]:
+    """Efron's (1987) interval of a mean, after his formulas, and the resampled means."""
+    n = len(values)
+    means = np.sort(rng.multinomial(n, np.full(n, 1 / n), size=resamples) @ values / n)
+    bias = stats.norm.ppf(np.mean(means < values.mean()))
+    away = values - values.mean()  # of the jackknifed means, up to a factor
+    acceleration = np.sum(away**3) / (6 * np.sum(away**2) ** 1.5)
+    ends = bias + stats.norm.ppf([0.025, 0.975])
+    low, high = np.quantile(means, stats.norm.cdf(bias + ends / (1 - acceleration * ends)))
+    return low, high, means
+
+
+def test_a_mean_difference_has_efrons_interval(rng):
+    first, second = rng.exponential(2.0, size=25) ** 1.5, rng.normal(size=25)
+    difference = first - second
+    low, high, means = bca(difference, 200_000, np.random.default_rng(1))
+    found = paired_mean_difference(first, second)
+    assert found.value == pytest.approx(np.mean(difference), rel=1e-12)
+    for got, expected, sign in ((found.low, low, 1), (found.high, high, -1)):
+        # both the end's level and the bias, which shifts it twice, are fractions of the resamples
+        level = np.mean(means <= expected)
+        density = stats.gaussian_kde(means[::50])(expected)[0]
+        z_error = 2 * 0.5 / stats.norm.pdf(0) * stats.norm.pdf(stats.norm.ppf(level))
+        error = math.hypot(math.sqrt(level * (1 - level)), z_error) / math.sqrt(statistics.RESAMPLES) / density
+        assert abs(got - expected) < SIGMAS * error
+        # neither Student's interval nor the bootstrap's plain percentiles
+        half = stats.t.ppf(0.975, 24) * stats.sem(difference)
+        plain = np.quantile(means, 0.025 if sign > 0 else 0.975)
+        for other in (found.value - sign * half, plain):
+            assert abs(expected - other) > 2 * SIGMAS * error
+
+
+def test_the_interval_of_a_mean_difference_covers_as_often_as_theory_says(rng, monkeypatch):
+    monkeypatch.setattr(statistics, "RESAMPLES", 499)
+    n, pairs = 600, 20
+    noise = rng.normal(0, 9, size=(n, pairs))  # met by both methods, so it must not count
+    first, second = (noise + rng.normal(mean, 1, size=(n, pairs)) for mean in (3.0, 1.0))
+    found = [paired_mean_difference(a, b) for a, b in zip(first, second, strict=True)]
+    covered = np.mean([low <= 2 <= high for _, low, high in found])
+    # for normal values the bootstrap is mean +- 1.96 s sqrt((n - 1) / n) / sqrt(n), a t interval of a lower level
+    expected = 2 * stats.t.cdf(1.96 * math.sqrt((pairs - 1) / pairs), pairs - 1) - 1
+    assert abs(covered - expected) < SIGMAS * math.sqrt(expected * (1 - expected) / n)
+
+
+@pytest.mark.parametrize(
+    ("first", "value"), [([], math.nan), ([2.5], 1.5), ([2.0, 5.0], 2.5)], ids=["none", "one", "two"]
+)
+def test_too_few_pairs_have_no_interval(first, value):
+    found = paired_mean_difference(np.array(first), np.ones(len(first)))
+    np.testing.assert_equal(tuple(found), (value, math.nan, math.nan))
+
+
+def test_pairs_that_differ_alike_have_an_interval_of_no_width(rng):
+    second = np.round(rng.normal(size=9), 3)
+    assert paired_mean_difference(np.arange(9) + 4.0, np.arange(9)) == Estimate(4.0, 4.0, 4.0)
+    assert paired_mean_difference(second, second) == Estimate(0.0, 0.0, 0.0)
+    rounded = paired_mean_difference(second + 0.1, second)
+    np.testing.assert_allclose(rounded, 0.1, rtol=1e-14)
+
+
+def test_a_mean_difference_is_always_the_same_and_mirrored_when_its_sides_change(rng):
+    first, second = rng.exponential(size=30), rng.exponential(size=30)
+    found = paired_mean_difference(first, second)
+    rng.normal(size=5)
+    np.random.default_rng(7).normal()
+    assert paired_mean_difference(first, second) == found
+    assert found.low < found.value < found.high
+    value, low, high = paired_mean_difference(second, first)
+    np.testing.assert_allclose((-value, -high, -low), found, rtol=1e-9)
+    np.testing.assert_allclose(paired_mean_difference(10 * first + 3, 10 * second), 10 * np.array(found) + 3, rtol=1e-9)
+
+
+def test_a_higher_level_has_a_wider_interval(rng):
+    first, second = rng.normal(size=30), np.zeros(30)
+    narrow, wide = (paired_mean_difference(first, second, level) for level in (0.5, 0.99))
+    assert wide.low < narrow.low < narrow.high < wide.high
+    assert wide.value == narrow.value
+
+
+def pairs(only_first: int, only_second: int, both: int = 0, neither: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """So many pairs of each kind."""
+    kinds = [(True, False)] * only_first + [(False, True)] * only_second
+    kinds += [(True, True)] * both + [(False, False)] * neither
+    return tuple(np.array(kinds, dtype=bool).reshape(-1, 2).T)
+
+
+def two_sided(wins: int, losses: int) -> Fraction:
+    """Twice the tail of fair coins, at most one."""
+    n = wins + losses
+    tail = sum(math.comb(n, k) for k in range(min(wins, losses) + 1))
+    return min(Fraction(1), Fraction(2 * tail, 2**n))
+
+
+@given(SMALL_COUNTS, SMALL_COUNTS, SMALL_COUNTS, SMALL_COUNTS)
+def test_the_p_value_is_that_of_the_sign_test(only_first, only_second, both, neither):
+    first, second = pairs(only_first, only_second, both, neither)
+    found, p = paired_rate_difference(first, second)
+    if not len(first):
+        assert math.isnan(p)
+        assert all(map(math.isnan, found))
+        return
+    assert p == pytest.approx(float(two_sided(only_first, only_second)), rel=1e-9)
+    assert found.value == pytest.approx(first.mean() - second.mean(), abs=1e-12)
+    assert found.low <= found.value + 1e-12
+    assert found.value <= found.high + 1e-12
+
+
+@pytest.mark.parametrize("level", [0.95, 0.9, 0.5])
+@given(only_first=SMALL_COUNTS, only_second=SMALL_COUNTS, neither=st.integers(1, 200))
+def test_the_rate_interval_leaves_out_zero_exactly_where_the_test_rejects(level, only_first, only_second, neither):
+    (_, low, high), _ = paired_rate_difference(*pairs(only_first, only_second, neither=neither), level)
+    p, limit = two_sided(only_first, only_second), 1 - Fraction(str(level))
+    if p != limit:  # then the interval ends at zero, up to rounding
+        assert (low > 0 or high < 0) == (p < limit)
+    else:
+        assert min(abs(low), abs(high)) < 1e-9
+
+
+@given(SMALL_COUNTS, SMALL_COUNTS, st.integers(1, 200))
+def test_a_rate_difference_is_mirrored_when_its_sides_change(only_first, only_second, neither):
+    first, second = pairs(only_first, only_second, neither=neither)
+    (value, low, high), p = paired_rate_difference(first, second)
+    mirrored, same = paired_rate_difference(second, first)
+    np.testing.assert_allclose((-value, -high, -low), mirrored, rtol=1e-9, atol=1e-12)
+    assert p == pytest.approx(same, rel=1e-9)
+
+
+def test_pairs_that_agree_say_nothing_for_either_side():
+    found, p = paired_rate_difference(*pairs(0, 0, both=7, neither=30))
+    assert (found.value, p) == (0.0, 1.0)
+    assert found.low <= 0 <= found.high
+
+
+@pytest.mark.parametrize(
+    ("only_first", "only_second"), [(0.0, 0.23), (0.05, 0.0), (0.3, 0.1), (0.2, 0.2)], ids=lambda rate: f"{rate:g}"
+)
+def test_the_rate_interval_covers_the_difference_about_as_often_as_it_says(only_first, only_second):
+    """Over all outcomes of 40 pairs, of which the differing ones of either kind are as likely as given."""
+    n, covered = 40, 0.0
+    for wins in range(n + 1):
+        for losses in range(n + 1 - wins):
+            counts = [wins, losses, n - wins - losses]
+            share = stats.multinomial.pmf(counts, n, [only_first, only_second, 1 - only_first - only_second])
+            if share > 1e-7:
+                (_, low, high), _ = paired_rate_difference(*pairs(*counts[:2], neither=counts[2]))
+                covered += share * (low - 1e-12 <= only_first - only_second <= high + 1e-12)
+    assert covered > 0.93
