@@ -58,8 +58,8 @@ format: install  ## format the code
 bench: install  ## time one control step of each controller, into outputs/bench/
 	$(BIN)/python benchmarks/control_step.py $(ARGS)
 
-picture: install  ## the README's picture, from 200 trials of MPPI-Belief and of CE-MPPI
-	$(BIN)/mppi-belief run -m controller=belief,ce
+picture: install  ## what the README shows: 200 trials of MPPI-Belief and of CE-MPPI, one of each animated
+	$(BIN)/mppi-belief run experiment=table_1 controller=belief,ce
 	$(BIN)/python docs/readme_picture.py
 
 clean:  ## remove the environment and caches; results stay

@@ -1,30 +1,30 @@
-"""Draw the picture at the top of the README from results that are there: `make picture`."""
+"""Draw what the README shows, from results that are there: `make picture`."""
 
 from pathlib import Path
 
 from mppi_belief.cli import collect
 from mppi_belief.report import figures
-from mppi_belief.report.overview import shown
-from mppi_belief.study import results
+from mppi_belief.report.cells import find
+from mppi_belief.report.overview import as_run
 from mppi_belief.study.plan import Cell
 
-TITLES = {"belief": "MPPI-Belief", "ce": "CE-MPPI"}
+FOLDER = Path("docs/img")
 
 
 def main() -> None:
-    """Read the default results of both planners and write docs/img/trajectories.png."""
-    runs = []
-    for name, title in TITLES.items():
-        cell = Cell(collect([f"controller={name}"])[0])
-        folder = Path(cell.config["results_dir"]) / cell.id
-        rows = results.read_rows(folder)
-        run = shown(folder, cell, rows)
+    """Read the Table I results of both planners, write trajectories.png and animation.gif."""
+    runs, founds = [], []
+    for config in collect(["experiment=table_1", "controller=belief,ce"]):
+        found = find(Cell(config), Path(config["results_dir"]), config["n_trials"])
+        run = as_run(found)
         if run is None:
-            raise SystemExit(f"no results for {name}: mppi-belief run -m controller=belief,ce")
-        runs.append(run._replace(title=f"{title}: {100 * rows['collided'].mean():.1f} % of {len(rows)} trials collide"))
-    target = Path("docs/img/trajectories.png")
-    target.parent.mkdir(parents=True, exist_ok=True)
-    figures.save(figures.compare(runs), target)
+            raise SystemExit("no results: mppi-belief run experiment=table_1 controller=belief,ce")
+        rate = 100 * found.collided.mean()
+        runs.append(run._replace(title=f"{found.name}: {rate:.1f} % of {len(found.good)} trials collide"))
+        founds.append(found)
+    FOLDER.mkdir(parents=True, exist_ok=True)
+    figures.save(figures.compare(runs), FOLDER / "trajectories.png")
+    figures.animate(founds, FOLDER / "animation.gif")
 
 
 if __name__ == "__main__":

@@ -1,5 +1,6 @@
 """Costs of a belief: eqs. (3), (4), Remark 4, and who computes the moments."""
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from mppi_belief import belief_cost
 from mppi_belief.problem import ClosedFormCost, Cost
 
 MEAN = np.array([2.5, 0.6, 0.3, -0.2])
-risk_sensitive = quick_jit(belief_cost.risk_sensitive, static_argnames="risk")
+risk_sensitive = quick_jit(belief_cost.risk_sensitive, static_argnames=("risk", "expectation"))
 running_moments = quick_jit(belief_cost.running_moments)
 
 
@@ -105,6 +106,51 @@ def test_risk_sensitive_cost_is_remark_4(light_dark, x64, rng):
         np.testing.assert_allclose(
             total, mean + theta / 2 * (m.base_var + 2 * m.covariance + m.penalty_var), rtol=1e-13
         )
+
+
+@pytest.mark.parametrize("risk", ["penalty", "total"])
+def test_the_penalty_expected_at_the_mean_is_its_value_there_and_nothing_else_changes(risk, light_dark, x64, rng):
+    cost, cov = light_dark.cost, 0.05 * random_spd(rng, 4)
+    m, there = running_moments(cost, MEAN, cov), float(cost.penalty(jnp.asarray(MEAN)))
+    variance = m.penalty_var if risk == "penalty" else m.base_var + 2 * m.covariance + m.penalty_var
+    assert abs(m.penalty - there) > 1
+    for theta in (0.0, 0.5, 5.0):
+        exact, default, at_mean = (
+            risk_sensitive(cost, MEAN, cov, theta, risk=risk, **given)
+            for given in ({"expectation": "exact"}, {}, {"expectation": "at_mean"})
+        )
+        assert exact == default
+        np.testing.assert_allclose(exact, m.base + m.penalty + theta / 2 * variance, rtol=1e-12)
+        np.testing.assert_allclose(at_mean, m.base + there + theta / 2 * variance, rtol=1e-12)
+
+
+def test_without_risk_aversion_paths_differ_by_their_cost_at_the_mean(light_dark, x64, rng):
+    """What is left of the covariance is the same for all paths: differences are those of CE-MPPI."""
+    cost, covs = light_dark.cost, [0.05 * random_spd(rng, 4) for _ in range(3)]
+    paths = MEAN + rng.normal(size=(5, 3, 4)) * [1.0, 0.6, 0.5, 0.5]
+
+    def along(expectation: str) -> np.ndarray:
+        totals = [
+            sum(float(risk_sensitive(cost, x, cov, 0.0, risk="penalty", expectation=expectation)) for x, cov in steps)
+            for steps in (zip(path, covs, strict=True) for path in paths)
+        ]
+        return np.diff(totals)
+
+    certain = np.diff(
+        [sum(float(belief_cost.certainty_equivalent(cost, x)) for x in map(jnp.asarray, path)) for path in paths]
+    )
+    np.testing.assert_allclose(along("at_mean"), certain, rtol=1e-9, atol=1e-9)
+    assert np.all(np.abs(along("exact") - certain) > 1e-3 * np.abs(certain))
+
+
+def test_a_planner_without_risk_aversion_that_expects_at_the_mean_is_ce_mppi(light_dark, x64):
+    sizes = {"n_samples": 64, "horizon": 8, "control_std": 2.75}
+    belief = mb.Belief(jnp.array([2.0, 0.5, 1.0, 0.0]), 0.05 * jnp.eye(4))
+    act = quick_jit(lambda planner: planner.act(light_dark, belief, planner.init(light_dark), jax.random.key(1)))
+    blind = act(mb.MPPIBelief(**sizes, evaluate="mean"))
+    at_mean = act(mb.MPPIBelief(**sizes, theta=0.0, expectation="at_mean"))
+    np.testing.assert_allclose(at_mean[2].weights, blind[2].weights, rtol=1e-7, atol=1e-12)
+    np.testing.assert_allclose(at_mean[0], blind[0], rtol=1e-7)
 
 
 def test_risk_sensitive_cost_is_the_start_of_the_entropic_one(x64):

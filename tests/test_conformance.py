@@ -1,4 +1,4 @@
-"""What every system, cost, filter, controller and sweep in conf/ must do; a new yaml is taken up by itself.
+"""What every system, cost, filter, controller, sweep and study in conf/ must do; a new yaml is taken up by itself.
 
 An option that makes sense only together with others says so in a comment line of its yaml, which is
 then obeyed here: `# needs: system=scalar_linear filter=particle`.
@@ -22,7 +22,7 @@ from mppi_belief.experiment import Experiment, build, check, run_trials
 from mppi_belief.problem import ClosedFormCost, Cost, System
 from mppi_belief.study.plan import Cell
 
-GROUPS = ("system", "cost", "filter", "controller", "sweep")
+GROUPS = ("system", "cost", "filter", "controller", "sweep", "experiment")
 OPTIONS = {group: sorted(path.stem for path in CONF.glob(f"{group}/*.yaml")) for group in GROUPS}
 NUMBER = re.compile(r"(?<![\w.$])[-+]?\d[\d_.]*(e[-+]?\d+)?(?![\w.])", re.IGNORECASE)
 STEP = 1e-6  # of finite differences, in double precision
@@ -202,3 +202,16 @@ def test_a_sweep_composes_cells_that_differ_and_can_run(sweep):
     assert len(configs) == 1 if sweep == "none" else len(configs) > 1
     for config in configs:
         assert jax.tree.structure(build(config)) == jax.tree.structure(build(configs[0]))
+
+
+@pytest.mark.parametrize("study", OPTIONS["experiment"])
+def test_a_study_composes_cells_that_differ_and_can_be_built(study):
+    configs = collect(f"experiment={study}")
+    assert len({Cell(config).id for config in configs}) == len(configs)
+    assert len(configs) == 1 if study == "none" else len(configs) > 1
+    for config in configs:
+        parts = build(config)
+        assert isinstance(parts.problem.cost, Cost)
+        assert callable(parts.controller.act)
+    for key in ("n_trials", "workers", "results_dir", "report_dir", "record"):  # of the run, not of a cell
+        assert len({config[key] for config in configs}) == 1

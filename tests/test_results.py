@@ -155,6 +155,50 @@ def test_what_is_no_results_file_is_named_and_left_out(tmp_path):
     assert len(warnings) == 4
 
 
+def test_paths_that_are_torn_or_not_ours_are_named_and_left_out(tmp_path):
+    steps = [
+        {"trial": 2, "step": k, **{name: np.full(2, float(k)) for name in ("state", "mean", "cov", "control")}}
+        for k in range(3)
+    ]
+    results.write_paths(tmp_path, steps)
+    (whole,) = tmp_path.glob("paths-*")
+    (tmp_path / "paths-torn.parquet").write_bytes(whole.read_bytes()[:-20])
+    (tmp_path / "paths-empty.parquet").touch()
+    pq.write_table(pa.table({"trial": [7], "step": [0], "state": [[1.0]]}), tmp_path / "paths-foreign.parquet")
+    written(tmp_path, row(0))  # a table of another kind
+    warnings: list[str] = []
+    found = results.read_paths(tmp_path, warnings.append)
+    assert list(zip(found["trial"], found["step"], strict=True)) == [(2, 0), (2, 1), (2, 2)]
+    assert [*found.columns] == ["trial", "step", "state", "mean", "cov", "control"]
+    assert [name for name in ("empty", "foreign", "torn") if any(f"paths-{name}.parquet" in w for w in warnings)] == [
+        "empty",
+        "foreign",
+        "torn",
+    ]
+    assert len(warnings) == 3
+    assert all("left out" in line and len(line.splitlines()) == 1 for line in warnings)
+    whole.unlink()
+    assert results.read_paths(tmp_path).empty
+
+
+def test_sources_are_those_of_the_files_that_can_be_read(tmp_path):
+    assert results.read_sources(tmp_path / "missing") == []
+    for trial, commit in ((5, "b"), (0, "a")):
+        results.write_rows(tmp_path, [row(trial)], {"commit": commit, "elapsed": 1.5})
+    (whole, _) = sorted(tmp_path.glob("part-*"))
+    results.write_json(tmp_path, "timing", {"seconds": []})
+    (tmp_path / "part-torn.parquet").write_bytes(whole.read_bytes()[:-20])
+    (tmp_path / "part-empty.parquet").touch()
+    pq.write_table(pa.table({"trial": [7]}), tmp_path / "part-foreign.parquet")
+    told = pa.schema([("trial", pa.int64())], metadata={b"mppi-belief": b"{no json"})
+    pq.write_table(pa.table({"trial": [7]}, schema=told), tmp_path / "part-garbled.parquet")
+    other = pa.schema([("trial", pa.int64())], metadata={b"pandas": b"{}"})
+    pq.write_table(pa.table({"trial": [7]}, schema=other), tmp_path / "part-pandas.parquet")
+    assert results.read_sources(tmp_path) == [
+        {"format": results.FORMAT_VERSION, "commit": commit, "elapsed": 1.5} for commit in "ab"
+    ]
+
+
 def test_a_place_that_can_be_written_is_made_and_left_empty(tmp_path):
     results.probe(tmp_path / "a" / "b")
     assert files_in(tmp_path / "a" / "b") == []

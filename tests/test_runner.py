@@ -5,6 +5,7 @@ import json
 import multiprocessing
 import signal
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from mppi_belief.study.plan import Cell
 from mppi_belief.study.pool import Pool
 from mppi_belief.study.runner import Outcome, Task, run_study
 from mppi_belief.study.signals import StoppedAtOnce, polite_stop
-from study_helpers import TESTS, config, failed_row, limited, record, run_trials, time_steps
+from study_helpers import TESTS, answer, config, failed_row, limited, record, run_trials, time_steps
 
 
 @pytest.fixture(autouse=True)
@@ -157,6 +158,32 @@ def test_a_broken_timing_file_is_made_again(study):
     (study.root / cell.id / "timing.json").write_text("{")
     study.run(cell)
     assert json.loads((study.root / cell.id / "timing.json").read_text())["seconds"]
+
+
+def test_a_recording_is_made_once_and_only_where_a_cell_asks_for_one(study):
+    asking, silent = Cell(config() | {"record": 3}), Cell(config(seed=1))
+    study.run(asking, silent)
+    path = study.root / asking.id / "recording-3.json"
+    assert json.loads(path.read_text()) == {"trial": 3, "samples": None, "matching": {}}
+    path.write_text('{"trial": "mine"}')
+    study.run(asking, silent, n_trials=15)
+    assert path.read_text() == '{"trial": "mine"}'
+    study.run(Cell(config() | {"record": 0}))  # the same cell: what is recorded does not change its trials
+    assert sorted(path.name for path in study.root.rglob("recording-*")) == ["recording-0.json", "recording-3.json"]
+    assert not list((study.root / silent.id).glob("recording-*"))
+
+
+def test_a_worker_that_dies_over_a_recording_leaves_none_and_the_rest_as_it_is(study):
+    dying, living = (Cell(config(seed=seed, exits=99) | {"record": 99}) for seed in (0, 1))
+    fatal = Task(study.check, run_trials, time_steps, failed_row, partial(answer, trials=[99]))
+    outcome = run_study([dying], 12, study.root, 1, fatal, ["mppi-belief", "run"], [TESTS])
+    assert outcome == Outcome({dying.id: 12}, {dying.id: 0}, None)
+    assert multiprocessing.active_children() == []
+    assert study.rows(dying)["status"].tolist() == ["ok"] * 12
+    assert results.read_json(study.root / dying.id, "timing") is not None
+    assert sorted(path.name for path in (study.root / dying.id).iterdir() if "recording" in path.name) == []
+    assert study.run(dying, living).ran == {dying.id: 0, living.id: 12}
+    assert results.read_json(study.root / dying.id, "recording-99")["trial"] == 99
 
 
 def test_the_first_signal_asks_the_second_ends_and_handlers_are_put_back():

@@ -3,7 +3,7 @@
     python experiments/calibration/refine.py --from 51 --iterations 6
 
 Gauss-Newton with Levenberg-Marquardt damping on Table I's twelve deviations, in coordinates that run from 0 to 1
-over each number's range; derivatives by central differences under common random numbers. J'J at the end is
+over each number's range; derivatives by differences under common random numbers. J'J at the end is
 the Fisher information of Table I's numbers (each is in units of its own standard error), so its inverse gives
 the standard error of each open number, the others free: more digits than that mean nothing.
 """
@@ -26,8 +26,8 @@ from mppi_belief.study import environment
 
 HERE = Path(__file__).parent
 NAMES = tuple(scenario.OPEN)
-TRIALS = {"belief": 150, "ce": 150, "ilqg": 150, "pipf": 50}
-STEP = 0.03
+TRIALS = {"belief": 100, "ce": 100, "ilqg": 100, "pipf": 40}
+STEP = 0.04
 _bases: dict[str, dict[str, Any]] = {}
 
 
@@ -65,25 +65,19 @@ def deviations(steps: int, unit: Sequence[float]) -> tuple[list[float], dict[str
     return z, {method: [round(value, 4) for value in values] for method, values in found.items()}
 
 
-def jacobian(pool: ProcessPoolExecutor, steps: int, unit: np.ndarray) -> np.ndarray:
-    """d z / d unit (12, n), one-sided at the ends of a range."""
-    highs, lows = np.minimum(unit + STEP, 1), np.maximum(unit - STEP, 0)
-    points = [_replaced(unit, i, ends[i]) for i in range(len(unit)) for ends in (highs, lows)]
-    z = np.array([found[0] for found in pool.map(partial(deviations, steps), points)])
-    return ((z[::2] - z[1::2]) / (highs - lows)[:, None]).T
-
-
-def _replaced(unit: np.ndarray, i: int, value: float) -> list[float]:
-    changed = unit.copy()
-    changed[i] = value
-    return changed.tolist()
+def jacobian(pool: ProcessPoolExecutor, steps: int, unit: np.ndarray, z: Sequence[float]) -> np.ndarray:
+    """d z / d unit (12, n) at a point whose deviations are z, by differences into the range."""
+    strides = np.where(unit + STEP <= 1, STEP, -STEP)
+    points = [(unit + np.eye(len(unit))[i] * stride).tolist() for i, stride in enumerate(strides)]
+    ahead = np.array([found[0] for found in pool.map(partial(deviations, steps), points)])
+    return ((ahead - np.array(z)) / strides[:, None]).T
 
 
 def refine(pool: ProcessPoolExecutor, unit: np.ndarray, steps: int, iterations: int) -> tuple[np.ndarray, np.ndarray]:
     """The minimum found from here, and the Jacobian there."""
     z, found = next(pool.map(partial(deviations, steps), [unit.tolist()]))
-    damping = 1.0
-    J = jacobian(pool, steps, unit)
+    damping = 0.3
+    J = jacobian(pool, steps, unit, z)
     for iteration in range(iterations):
         _say(iteration, z, unit, steps, found)
         dampings = [damping * factor for factor in (0.1, 1.0, 10.0, 100.0)]
@@ -95,7 +89,7 @@ def refine(pool: ProcessPoolExecutor, unit: np.ndarray, steps: int, iterations: 
             damping *= 100
             continue
         unit, damping, (z, found) = tried[best], dampings[best], answers[best]
-        J = jacobian(pool, steps, unit)
+        J = jacobian(pool, steps, unit, z)
     _say(iterations, z, unit, steps, found)
     return unit, J
 
@@ -120,9 +114,7 @@ def standard_errors(J: np.ndarray, unit: np.ndarray, steps: int) -> dict[str, tu
 
 
 def start(number: int) -> dict[str, Any]:
-    """A candidate of the search's log; -1 is the reference scenario."""
-    if number < 0:
-        return scenario.REFERENCE
+    """A candidate of the search's log."""
     with (HERE / "trials.csv").open() as file:
         row = next(row for row in csv.DictReader(file) if int(row["trial"]) == number)
     return {**{name: float(row[name]) for name in NAMES}, "steps": int(float(row["steps"]))}

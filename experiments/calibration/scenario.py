@@ -24,7 +24,7 @@ class Range(NamedTuple):
 
 OPEN = {
     "start_x": Range(-1.0, 2.0),  # m
-    "start_y": Range(0.0, 1.5),  # m; the scene is symmetric
+    "start_y": Range(0.0, 2.5),  # m; the scene is symmetric
     "goal_x": Range(6.0, 9.0),  # m
     "prior_std": Range(0.05, 0.6),  # m
     "q_position": Range(0.3, 5.0, log=True),
@@ -45,7 +45,8 @@ REFERENCE: dict[str, Any] = {
 
 
 # Where the search starts. Scanning one number at a time from the reference, a larger R and velocity weight
-# narrow EKF-iLQG's lead over CE-MPPI, and a smaller obstacle weight lowers the cost of MPPI-Belief.
+# narrow EKF-iLQG's lead over CE-MPPI, a smaller obstacle weight lowers the cost of MPPI-Belief, and a start beside
+# the upper obstacle lowers the price of its detour.
 STARTS = (
     REFERENCE,
     REFERENCE | {"r": 0.3, "q_velocity": 1.0, "q_position": 1.2, "w_obs": 250.0},
@@ -54,6 +55,8 @@ STARTS = (
     REFERENCE | {"r": 0.5, "q_velocity": 0.6, "q_position": 1.2, "w_obs": 200.0, "control_std": 2.2},
     REFERENCE | {"r": 0.2, "q_velocity": 2.0, "q_position": 1.0, "w_obs": 250.0},
     REFERENCE | {"r": 0.4, "q_velocity": 1.5, "q_position": 1.2, "w_obs": 150.0, "control_std": 2.75},
+    REFERENCE | {"r": 0.2, "q_velocity": 2.0, "q_position": 1.0, "w_obs": 250.0, "start_y": 1.75},
+    REFERENCE | {"r": 0.25, "q_velocity": 2.2, "q_position": 1.05, "w_obs": 250.0, "start_y": 1.7},
     {  # the best of an earlier search, in which the particle filter took the noise at each particle
         "start_x": -0.85, "start_y": 0.4, "goal_x": 8.5, "prior_std": 0.215, "q_position": 0.374, "q_velocity": 0.735,
         "terminal_position": 6.76, "terminal_velocity": 0.033, "r": 0.022, "bump_width": 0.427, "w_obs": 1390.0,

@@ -71,7 +71,7 @@ class Found(NamedTuple):
         return self.good["collided"].to_numpy(dtype=bool)
 
 
-def find(cell: Cell, root: Path, wanted: int, warn: Callable[[str], None]) -> Found:
+def find(cell: Cell, root: Path, wanted: int, warn: Callable[[str], object] = lambda line: None) -> Found:
     """Read a cell's results; what cannot be read is named to `warn` and left out."""
     folder = root / cell.id
     rows = results.read_rows(folder, warn)

@@ -107,7 +107,7 @@ def _ignore(line: str) -> None:
     """Nobody to tell."""
 
 
-def _read(folder: Path, kind: str, columns: Sequence[str], warn: Callable[[str], None]) -> Iterator[pd.DataFrame]:
+def _read(folder: Path, kind: str, columns: Sequence[str], warn: Callable[[str], object]) -> Iterator[pd.DataFrame]:
     """The tables of one kind, by file name; a file that cannot be read is named to `warn` and left out."""
     for path in sorted(folder.glob(f"{kind}-*.parquet")):
         try:
@@ -116,7 +116,7 @@ def _read(folder: Path, kind: str, columns: Sequence[str], warn: Callable[[str],
             warn(f"{path}: not a results file, left out ({(str(error).splitlines() or [''])[0]})")
 
 
-def read_rows(folder: Path, warn: Callable[[str], None] = _ignore) -> pd.DataFrame:
+def read_rows(folder: Path, warn: Callable[[str], object] = _ignore) -> pd.DataFrame:
     """The rows of a cell by trial, each trial once; a file that cannot be read is named to `warn` and left out."""
     frames = list(_read(folder, "part", [*_TYPES], warn))
     if not frames:
@@ -127,7 +127,7 @@ def read_rows(folder: Path, warn: Callable[[str], None] = _ignore) -> pd.DataFra
     return rows.drop(columns=["_file", "_bad"])
 
 
-def read_paths(folder: Path, warn: Callable[[str], None] = _ignore) -> pd.DataFrame:
+def read_paths(folder: Path, warn: Callable[[str], object] = _ignore) -> pd.DataFrame:
     """The kept trajectories of a cell by trial and step."""
     frames = list(_read(folder, "paths", _PATH_COLUMNS, warn))
     if not frames:

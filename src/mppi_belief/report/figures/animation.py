@@ -17,6 +17,7 @@ from matplotlib.text import Text
 from PIL import Image
 
 from ..cells import Found
+from ..files import atomically
 from .plane import (
     LIGHT,
     SIDE_BY_SIDE,
@@ -30,7 +31,7 @@ from .plane import (
     stacked,
     window,
 )
-from .style import GREEN, INK, ORANGE, STYLE, atomically, look, place
+from .style import GREEN, INK, ORANGE, STYLE, look, place
 
 FRAMES = 60  # steps are left out of longer trials
 FRAME, HOLD = 100, 1500  # ms, of every frame and of the last one

@@ -3,14 +3,14 @@
 Colours are those of Okabe and Ito, safe for colour blindness; vermillion is kept for collisions.
 """
 
-import os
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import matplotlib as mpl
 from matplotlib.figure import Figure
+
+from ..files import atomically
 
 BLUE, ORANGE, GREEN, INK, GREY = "#0072B2", "#D55E00", "#009E73", "#222222", "#777777"
 COLUMN = 3.5  # inches, the column of a two-column paper
@@ -93,13 +93,3 @@ def save_both(figure: Figure, folder: Path, stem: str) -> list[str]:
         with mpl.rc_context(STYLE):
             atomically(folder / f"{stem}.{kind}", write)
     return [f"{stem}.{kind}" for kind in undated]
-
-
-def atomically(path: Path, write: Callable[[Path], Any]) -> None:
-    """Let `write` fill a temporary file and put it in the place of `path`; nothing is left behind where it fails."""
-    temporary = path.with_name(f".tmp-{os.getpid()}-{path.name}")
-    try:
-        write(temporary)
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
