@@ -25,6 +25,7 @@ from mppi_belief.report.cells import NAMES, Found
 from mppi_belief.report.figures import plane, points, style
 from mppi_belief.study import results
 from mppi_belief.study.plan import Cell
+from report_helpers import PATH_COLUMNS
 from study_helpers import config, failed_row, row
 
 STEPS, DT = 14, 0.1
@@ -85,7 +86,7 @@ def found(
     """A cell with n good trials, `kept` of them with paths, and some bad ones."""
     rows = pd.DataFrame([*judged(n, hits, np.random.default_rng(seed)), *bad], columns=[*results._TYPES])
     nx = 4 if scene is None else 2 * len(scene["start"])
-    paths = pd.DataFrame([step for trial in range(kept) for step in steps(trial, nx)], columns=results._PATH_COLUMNS)
+    paths = pd.DataFrame([step for trial in range(kept) for step in steps(trial, nx)], columns=PATH_COLUMNS)
     return Found(at or cell(), n + len(bad), rows, paths, scene if kept else None, list(seconds), record, [])
 
 

@@ -76,9 +76,9 @@ def scalar() -> Recorded:
 
 @pytest.fixture(scope="module")
 def silent() -> Recorded:
-    """A controller without samples and without a temperature, near the light and unsure of its velocity."""
+    """A controller without samples and without a temperature, that leaves the light, unsure of its velocity."""
     prior = ("problem.prior_mean=[4.9,1,0.5,0]", "problem.prior_std=[0.2,0.2,1,1]")
-    return recorded(*prior, controller={"_target_": "user_parts.Constant"})
+    return recorded(*prior, controller={"_target_": "helpers.Feedback", "gain": 5.0})
 
 
 def test_a_recording_is_json_and_says_of_which_trial(belief, scalar, silent):

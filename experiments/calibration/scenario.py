@@ -44,6 +44,12 @@ REFERENCE: dict[str, Any] = {
 }  # fmt: skip
 
 
+FIRST = REFERENCE | {  # where a first refinement of candidate 10 came to
+    "start_x": 1.04, "start_y": 1.74, "prior_std": 0.21, "q_position": 1.0, "q_velocity": 2.05,
+    "terminal_position": 5.1, "terminal_velocity": 0.16, "r": 0.225, "bump_width": 0.287, "w_obs": 242.0,
+    "control_std": 2.685,
+}  # fmt: skip
+
 # Where the search starts. Scanning one number at a time from the reference, a larger R and velocity weight
 # narrow EKF-iLQG's lead over CE-MPPI, a smaller obstacle weight lowers the cost of MPPI-Belief, and a start beside
 # the upper obstacle lowers the price of its detour.
@@ -57,6 +63,13 @@ STARTS = (
     REFERENCE | {"r": 0.4, "q_velocity": 1.5, "q_position": 1.2, "w_obs": 150.0, "control_std": 2.75},
     REFERENCE | {"r": 0.2, "q_velocity": 2.0, "q_position": 1.0, "w_obs": 250.0, "start_y": 1.75},
     REFERENCE | {"r": 0.25, "q_velocity": 2.2, "q_position": 1.05, "w_obs": 250.0, "start_y": 1.7},
+    FIRST,
+    FIRST | {"bump_width": 0.27, "start_y": 1.65},
+    FIRST | {"bump_width": 0.26},
+    FIRST | {"bump_width": 0.25, "prior_std": 0.26, "start_y": 1.8, "q_velocity": 2.2, "q_position": 0.95},
+    FIRST | {"bump_width": 0.25, "prior_std": 0.25, "start_y": 1.75, "q_velocity": 2.6, "r": 0.15},
+    FIRST | {"bump_width": 0.25, "prior_std": 0.25, "start_x": 1.1, "q_velocity": 2.5, "r": 0.16, "w_obs": 220.0},
+    FIRST | {"bump_width": 0.255, "prior_std": 0.24, "start_y": 1.7, "q_velocity": 2.4, "r": 0.17, "w_obs": 230.0},
     {  # the best of an earlier search, in which the particle filter took the noise at each particle
         "start_x": -0.85, "start_y": 0.4, "goal_x": 8.5, "prior_std": 0.215, "q_position": 0.374, "q_velocity": 0.735,
         "terminal_position": 6.76, "terminal_velocity": 0.033, "r": 0.022, "bump_width": 0.427, "w_obs": 1390.0,

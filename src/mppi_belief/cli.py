@@ -104,8 +104,7 @@ def compose(args: Sequence[str], job: Callable[[Any], None]) -> None:
 
     ConfigStore.instance().store(name="schema", node=Settings)
     os.environ["HYDRA_FULL_ERROR"] = "1"  # exceptions come to us, not to Hydra's own printer
-    flags = [arg for arg in args if arg in ("-m", "--multirun")]  # argparse wants them before or after all overrides
-    sys.argv = ["mppi-belief", *flags, *(arg for arg in args if arg not in flags)]
+    sys.argv = ["mppi-belief", *_flags_first(args)]
     said = io.StringIO()
     with tempfile.TemporaryDirectory(prefix="mppi-belief-") as scratch:
         os.environ["MPPI_BELIEF_SCRATCH"] = scratch  # Hydra writes multirun.yaml somewhere
@@ -117,6 +116,20 @@ def compose(args: Sequence[str], job: Callable[[Any], None]) -> None:
                 raise ConfigError(said.getvalue().strip().splitlines()[-1].partition("error: ")[2]) from None
         except Exception as error:
             raise ConfigError(one_line(error, conf_dir())) from error
+
+
+def _flags_first(args: Sequence[str]) -> list[str]:
+    """The arguments in the only order that argparse takes: flags before all overrides."""
+    flags, overrides, left = [], [], list(args)
+    while left:
+        arg = left.pop(0)
+        if arg in ("--config-dir", "-cd") and left:
+            flags += [arg, left.pop(0)]
+        elif arg in ("-m", "--multirun") or arg.startswith("--config-dir="):
+            flags.append(arg)
+        else:
+            overrides.append(arg)
+    return flags + overrides
 
 
 def collect(args: Sequence[str]) -> list[dict[str, Any]]:
@@ -142,6 +155,9 @@ def collect(args: Sequence[str]) -> list[dict[str, Any]]:
     compose(args, job)
     for config in configs:
         check_settings(config)
+    for key in RUNTIME_KEYS:
+        if any(config[key] != configs[0][key] for config in configs):
+            raise ConfigError(f"{key} cannot be swept: it does not change what a trial is")
     return [config | label for config, label in zip(configs, labels, strict=True)]
 
 
@@ -169,9 +185,6 @@ def run(args: Sequence[str]) -> int:
     sys.path[:0] = import_paths
     cells = {cell.id: cell for cell in map(Cell, configs)}
     first = configs[0]
-    for key in RUNTIME_KEYS:
-        if any(config[key] != first[key] for config in configs):
-            raise ConfigError(f"{key} cannot be swept: it does not change what a trial is")
     root, n_trials = Path(first["results_dir"]), first["n_trials"]
     task = Task(check, run_trials, time_steps, failed_row, record)
     command = ["mppi-belief", "run", *args]
@@ -193,6 +206,8 @@ def report(args: Sequence[str]) -> int:
     names = [name for part in chosen for name in part] or list(STUDIES)
     composed = {name: collect([f"experiment={name}", *overrides]) for name in names}
     studies = {name: [Cell(config) for config in configs] for name, configs in composed.items()}
+    if not all(composed.values()):  # --cfg, --info
+        return 0
     first = composed[names[0]][0]
     root, folder = Path(first["results_dir"]), Path(first["report_dir"])
     return 0 if write(studies, root, first["n_trials"], folder, overrides) else SOME_FAILED

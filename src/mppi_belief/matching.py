@@ -22,5 +22,5 @@ def best_weight(D: Array, G: Array) -> Array:
 
 
 def residual(D: Array, G: Array, W: Array) -> Array:
-    """epsilon(W) (), NaN for D = 0."""
+    """epsilon(W) (), not finite for D = 0."""
     return jnp.sqrt(jnp.sum((D - G @ W @ G.T) ** 2) / jnp.sum(D**2))

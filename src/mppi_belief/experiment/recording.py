@@ -42,7 +42,8 @@ def _run(
     place = jax.vmap(jax.vmap(problem.system.position, in_axes=-1, out_axes=-1))
 
     def note(info: Any) -> tuple[Array, Array] | None:
-        return (place(info.means), info.weights) if hasattr(info, "means") else None
+        shapes = [getattr(getattr(info, name, None), "ndim", 0) for name in ("means", "weights")]
+        return (place(info.means), info.weights) if shapes == [3, 1] else None
 
     result, samples = closed_loop(problem, filter, controller, seed, trial, note)
     return samples, result.controls

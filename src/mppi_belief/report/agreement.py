@@ -12,13 +12,15 @@ from scipy.special import xlogy
 
 
 def mean_z(mean: float, sd: float, n: int, other: float, other_sd: float, other_n: int) -> float:
-    """z of one mean against another."""
-    return (mean - other) / math.sqrt(sd**2 / n + other_sd**2 / other_n)
+    """z of one mean against another, NaN where neither side has a spread."""
+    error = math.sqrt(sd**2 / n + other_sd**2 / other_n)
+    return (mean - other) / error if error else math.nan
 
 
 def spread_z(sd: float, n: int, other: float, other_n: int) -> float:
-    """z of one standard deviation against another; the variance of s is s^2 / (2 (n - 1))."""
-    return (sd - other) / math.sqrt(sd**2 / (2 * (n - 1)) + other**2 / (2 * (other_n - 1)))
+    """z of one standard deviation against another; the variance of s is s^2 / (2 (n - 1)). NaN as for means."""
+    error = math.sqrt(sd**2 / (2 * (n - 1)) + other**2 / (2 * (other_n - 1)))
+    return (sd - other) / error if error else math.nan
 
 
 def proportion_z(hits: float, n: int, other: float, other_n: int) -> float:

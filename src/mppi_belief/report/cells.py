@@ -10,6 +10,7 @@ import pandas as pd
 from ..settings import labels
 from ..study import results
 from ..study.plan import Cell
+from .summary import plain
 
 NAMES = {
     "belief": "MPPI-Belief",
@@ -78,17 +79,23 @@ def find(cell: Cell, root: Path, wanted: int, warn: Callable[[str], object] = la
     rows = rows[rows["trial"] < wanted].reset_index(drop=True)
     paths = results.read_paths(folder, warn)
     paths = paths[paths["trial"].isin(rows["trial"])]
-    timing, record = results.read_json(folder, "timing"), cell.config.get("record")
+    timing, record = _json(folder, "timing", {"seconds"}), cell.config.get("record")
     return Found(
         cell,
         wanted,
         rows,
         paths,
-        results.read_json(folder, "scene"),
+        _json(folder, "scene", {"dt", "start", "goal", "obstacles", "radius"}),
         timing["seconds"] if timing else [],
-        None if record is None else results.read_json(folder, f"recording-{record}"),
+        None if record is None else _json(folder, f"recording-{record}", {"trial", "samples", "matching"}),
         results.read_sources(folder),
     )
+
+
+def _json(folder: Path, name: str, keys: set[str]) -> dict[str, Any] | None:
+    """A file beside the tables, None if it is not there or not one of ours."""
+    content = results.read_json(folder, name)
+    return content if isinstance(content, dict) and keys <= content.keys() else None
 
 
 def paired(first: Found, second: Found) -> tuple[pd.DataFrame, pd.DataFrame]:
@@ -104,3 +111,14 @@ def by_method(founds: Sequence[Found]) -> dict[str, list[Found]]:
     for found in founds:
         methods.setdefault(found.method, []).append(found)
     return methods
+
+
+def titles(founds: Sequence[Found]) -> list[str]:
+    """A name for each cell: its method's, with the settings that differ where a method occurs more than once."""
+    names = [found.name for found in founds]
+    labels = [{name: plain(value) for name, value in found.labels.items()} for found in founds]
+    differ = [name for name in dict.fromkeys(key for one in labels for key in one) if name != "controller"]
+    differ = [name for name in differ if len({one.get(name) for one in labels} - {"-"}) > 1]
+    settings = [", ".join(f"{name} {one.get(name, '-')}" for name in differ) for one in labels]
+    pairs = zip(names, settings, strict=True)
+    return [f"{name} ({setting})" if names.count(name) > 1 and setting else name for name, setting in pairs]

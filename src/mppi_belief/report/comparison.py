@@ -1,25 +1,27 @@
 """Table I's four methods side by side: with the paper, and with each other trial by trial."""
 
 import math
+import re
 from collections.abc import Sequence
 
 import pandas as pd
 
 from . import published
-from .cells import Found, paired
+from .cells import Found, paired, titles
 from .statistics import Estimate, paired_mean_difference, paired_rate_difference
 from .summary import Summary, interval, summary
 
 
 def table_1(founds: Sequence[Found]) -> pd.DataFrame:
     """Table I as text: ours, the paper's numbers beside them."""
-    return pd.DataFrame([_line(found, summary(found.rows, found.seconds)) for found in founds])
+    named = zip(titles(founds), founds, strict=True)
+    return pd.DataFrame([_line(name, found, summary(found.rows, found.seconds)) for name, found in named])
 
 
-def _line(found: Found, ours: Summary) -> dict[str, str]:
+def _line(name: str, found: Found, ours: Summary) -> dict[str, str]:
     paper = published.TABLE_1.get(found.method)
     return {
-        "Method": found.name,
+        "Method": name,
         "Trials": str(ours.good),
         "Cost": "-" if math.isnan(ours.sd) else f"{ours.cost.value:.1f} ± {ours.sd:.1f}",
         "Paper: cost": f"{paper.cost} ± {paper.spread}" if paper else "-",
@@ -33,15 +35,16 @@ def _line(found: Found, ours: Summary) -> dict[str, str]:
 def differences(founds: Sequence[Found], reference: str = "belief") -> pd.DataFrame:
     """Each method against the reference over the trials both have, which met the same noise: difference
     reference - method of cost (BCa bootstrap) and collision rate (exact, McNemar), in text."""
-    methods = {found.method: found for found in founds}
+    names = titles(founds)
+    at = next((index for index, found in enumerate(founds) if found.method == reference), None)
     lines = []
-    for found in founds:
-        if reference not in methods or found.method == reference:
+    for index, found in enumerate(founds):
+        if at is None or index == at:
             continue
-        one, other = paired(methods[reference], found)
+        one, other = paired(founds[at], found)
         cost = paired_mean_difference(one["cost"].to_numpy(), other["cost"].to_numpy())
         rate, p = paired_rate_difference(one["collided"].to_numpy(bool), other["collided"].to_numpy(bool))
-        lines.append(_difference(methods[reference].name, found.name, len(one), cost, rate, p))
+        lines.append(_difference(names[at], names[index], len(one), cost, rate, p))
     return pd.DataFrame(lines)
 
 
@@ -71,7 +74,7 @@ def as_latex(founds: Sequence[Found]) -> str:
         r"\cmidrule(lr){2-4}\cmidrule(lr){5-7}",
         r"Method & Cost & Collision (\%) & ms & Cost & Coll. & ms \\",
         r"\midrule",
-        *(_latex_line(found) for found in founds),
+        *(_latex_line(name, found) for name, found in zip(titles(founds), founds, strict=True)),
         r"\bottomrule",
         r"\end{tabular}",
         r"\end{table}",
@@ -79,11 +82,11 @@ def as_latex(founds: Sequence[Found]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _latex_line(found: Found) -> str:
+def _latex_line(name: str, found: Found) -> str:
     ours, paper = summary(found.rows, found.seconds), published.TABLE_1.get(found.method)
     rate = ours.collided.times(100)
     cells = [
-        found.name,
+        re.sub(r"([&%$#_{}])", r"\\\1", name),
         "--" if math.isnan(ours.sd) else rf"${ours.cost.value:.1f} \pm {ours.sd:.1f}$",
         "--" if math.isnan(rate.value) else rf"${rate.value:.1f}$ [{rate.low:.1f}, {rate.high:.1f}]",
         "--" if math.isnan(ours.time) else f"{ours.time:.1f}",

@@ -67,8 +67,8 @@ def _all(values: Iterable[Any]) -> str:
 
 def _wall_time(sources: Sequence[dict[str, Any]]) -> float:
     """Seconds from the start of each run to its last trial, over all runs."""
-    runs: dict[str, float] = {}
+    runs: dict[tuple[str, str], float] = {}
     for source in sources:
-        run = str(source.get("started"))
+        run = str(source.get("started")), str(source.get("command"))
         runs[run] = max(runs.get(run, 0.0), float(source.get("elapsed", 0.0)))
     return sum(runs.values())

@@ -1,5 +1,6 @@
 """The report: every table and figure of the studies, and one page with all of them."""
 
+import shlex
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -25,7 +26,8 @@ def report(studies: dict[str, list[Cell]], root: Path, wanted: int, folder: Path
     into `folder` and say on the terminal what it holds and what is missing; whether everything was there."""
     complaints: dict[str, None] = {}  # cells that two studies share complain once
     found = {
-        name: [find(cell, root, wanted, complaints.setdefault) for cell in cells] for name, cells in studies.items()
+        name: [find(cell, root, wanted, complaints.setdefault) for cell in {cell.id: cell for cell in cells}.values()]
+        for name, cells in studies.items()
     }
     page = write_report(found, folder, list(complaints))
     if any(len(one.good) for one in found.get("table_1", [])):
@@ -53,6 +55,6 @@ def missing_lines(studies: Studies, overrides: Sequence[str]) -> list[str]:
         behind = [found for found in founds if found.missing > 0]
         if behind:
             trials = sum(found.missing for found in behind)
-            command = " ".join(["mppi-belief run", f"experiment={name}", *overrides])
+            command = shlex.join(["mppi-belief", "run", f"experiment={name}", *overrides])
             lines.append(f"missing: {trials} trials in {len(behind)} of {len(founds)} cells of {name}; {command}")
     return lines

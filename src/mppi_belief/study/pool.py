@@ -85,7 +85,7 @@ class Pool:
             return self._submit(function, *args).result()
         except BrokenProcessPool as error:
             self.close(kill=True)
-            raise WorkerDied from error
+            raise WorkerDied("the worker process died") from error
 
     def _fill(self, running: dict[Future[Any], Chunk], fresh: deque[Chunk], suspects: deque[Chunk]) -> None:
         """Keep every worker busy and one chunk waiting; a suspect runs alone and stays in its queue till cleared."""

@@ -40,7 +40,11 @@ _TYPES: dict[str, pa.DataType] = {
     "steps": pa.int64(),
     "error": pa.string(),
 }
-_PATH_COLUMNS = ("trial", "step", "state", "mean", "cov", "control")
+_ROWS = pa.schema(list(_TYPES.items()))
+_NUMBERS = pa.list_(pa.float64())
+_PATHS = pa.schema(
+    {"trial": pa.int64(), "step": pa.int64(), **dict.fromkeys(("state", "mean", "cov", "control"), _NUMBERS)}
+)
 
 
 def probe(root: Path) -> None:
@@ -107,18 +111,19 @@ def _ignore(line: str) -> None:
     """Nobody to tell."""
 
 
-def _read(folder: Path, kind: str, columns: Sequence[str], warn: Callable[[str], object]) -> Iterator[pd.DataFrame]:
+def _read(folder: Path, kind: str, schema: pa.Schema, warn: Callable[[str], object]) -> Iterator[pd.DataFrame]:
     """The tables of one kind, by file name; a file that cannot be read is named to `warn` and left out."""
     for path in sorted(folder.glob(f"{kind}-*.parquet")):
         try:
-            yield pq.ParquetFile(path).read().to_pandas()[[*columns]].assign(_file=path.name)
+            table = pq.ParquetFile(path).read().select(schema.names).cast(schema)
+            yield table.to_pandas().assign(_file=path.name)
         except (OSError, pa.ArrowException, KeyError, ValueError) as error:
             warn(f"{path}: not a results file, left out ({(str(error).splitlines() or [''])[0]})")
 
 
 def read_rows(folder: Path, warn: Callable[[str], object] = _ignore) -> pd.DataFrame:
     """The rows of a cell by trial, each trial once; a file that cannot be read is named to `warn` and left out."""
-    frames = list(_read(folder, "part", [*_TYPES], warn))
+    frames = list(_read(folder, "part", _ROWS, warn))
     if not frames:
         return pd.DataFrame(columns=[*_TYPES])
     rows = pd.concat(frames, ignore_index=True)
@@ -129,9 +134,9 @@ def read_rows(folder: Path, warn: Callable[[str], object] = _ignore) -> pd.DataF
 
 def read_paths(folder: Path, warn: Callable[[str], object] = _ignore) -> pd.DataFrame:
     """The kept trajectories of a cell by trial and step."""
-    frames = list(_read(folder, "paths", _PATH_COLUMNS, warn))
+    frames = list(_read(folder, "paths", _PATHS, warn))
     if not frames:
-        return pd.DataFrame(columns=[*_PATH_COLUMNS])
+        return pd.DataFrame(columns=_PATHS.names)
     paths = pd.concat(frames).drop_duplicates(["trial", "step"]).sort_values(["trial", "step"], ignore_index=True)
     return paths.drop(columns="_file")
 

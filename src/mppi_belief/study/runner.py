@@ -1,7 +1,6 @@
 """One plan, one pool, one progress bar: run what is missing of a study's cells."""
 
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -10,7 +9,7 @@ from tqdm import tqdm
 
 from . import results
 from .plan import Cell, Chunk, chunks
-from .pool import Lost, Pool, WorkerDied
+from .pool import Lost, Pool
 from .provenance import provenance
 from .signals import StoppedAtOnce, polite_stop
 
@@ -107,7 +106,14 @@ def _extras(root: Path, cell: Cell, pool: Pool, task: Task) -> None:
 
 
 def _once(folder: Path, name: str, make: Callable[[], Any]) -> None:
-    """Make a file that is not there; a worker that dies over it leaves none."""
-    if results.read_json(folder, name) is None:
-        with suppress(WorkerDied):
-            results.write_json(folder, name, make())
+    """Make a file that is not there; where that fails, it is said and the file is left out."""
+    if results.read_json(folder, name) is not None:
+        return
+    try:
+        content = make()
+    except StoppedAtOnce:
+        raise
+    except Exception as error:
+        tqdm.write(f"{folder.name}: no {name} ({type(error).__name__}: {error})")
+        return
+    results.write_json(folder, name, content)
