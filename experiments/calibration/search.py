@@ -58,7 +58,7 @@ def open_study(path: Path, seed: int) -> optuna.Study:
         study_name="table_1",
         storage=JournalStorage(JournalFileBackend(str(path))),
         sampler=optuna.samplers.TPESampler(seed=seed, multivariate=True, constant_liar=True, n_startup_trials=12),
-        pruner=optuna.pruners.PercentilePruner(20.0, n_startup_trials=10),
+        pruner=optuna.pruners.PercentilePruner(50.0, n_startup_trials=10),
         load_if_exists=True,
     )
 

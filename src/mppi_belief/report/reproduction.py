@@ -53,9 +53,7 @@ def _theta(found: Found, ours: Summary) -> Iterator[Compared]:
     if paper is None or ours.good < 2:
         return
     yield _rate(HELD_OUT, f"theta {theta:g}, collisions %", ours, *paper.collision_rate)
-    if paper.clearance is not None and math.isfinite(
-        ours.clearance.value
-    ):  # its spread is not published: ours is taken for both
+    if paper.clearance is not None:  # its spread is not published: ours is taken for both
         values = found.good["clearance"].to_numpy(dtype=float)
         sd = float(np.std(values, ddof=1)) if np.all(np.isfinite(values)) else math.nan
         z = mean_z(ours.clearance.value, sd, ours.good, paper.clearance, sd, m)
