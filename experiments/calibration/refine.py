@@ -26,7 +26,7 @@ from mppi_belief.study import environment
 
 HERE = Path(__file__).parent
 NAMES = tuple(scenario.OPEN)
-TRIALS = {"belief": 150, "ce": 150, "ilqg": 150, "pipf": 60}
+TRIALS = {"belief": 100, "ce": 100, "ilqg": 100, "pipf": 40}
 STEP = 0.04
 _bases: dict[str, dict[str, Any]] = {}
 
