@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 from matplotlib.figure import Figure
@@ -14,16 +15,16 @@ from .summary import interval, numbers, plain, summarise, summary
 
 
 def lines(founds: Sequence[Found]) -> pd.DataFrame:
-    """A line of text a cell, without the labels that are the same for all."""
-    every = [found.labels for found in founds]
+    """A line of text a cell, without the labels that are the same for all that have one."""
+    every = [{name: plain(value) for name, value in found.labels.items()} for found in founds]
     names = dict.fromkeys(name for labels in every for name in labels)
-    same = {name for name in names if len({plain(labels.get(name)) for labels in every}) == 1}
+    told = [name for name in names if len({labels.get(name, "-") for labels in every} - {"-"}) > 1]
     text = []
-    for found in founds:
-        labels = {name: value for name, value in found.labels.items() if name not in same}
-        if "controller" in labels:
-            labels["controller"] = found.name
-        text.append(summarise(found.rows, labels, found.seconds))
+    for found, labels in zip(founds, every, strict=True):
+        shown: dict[str, Any] = {name.rpartition(".")[2]: labels.get(name, "-") for name in told}
+        text.append(
+            summarise(found.rows, shown | ({"controller": found.name} if "controller" in told else {}), found.seconds)
+        )
     return pd.DataFrame(text).fillna("-")
 
 

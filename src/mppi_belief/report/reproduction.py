@@ -101,13 +101,13 @@ def as_frame(lines: Sequence[Compared], kind: str) -> pd.DataFrame:
 
 def verdict(lines: Sequence[Compared], kind: str) -> str:
     """One sentence: how many of the numbers of one kind agree, and which is farthest."""
-    chosen = [line for line in lines if line.kind == kind and math.isfinite(line.z)]
+    chosen, name = [line for line in lines if line.kind == kind and math.isfinite(line.z)], kind.replace(" ", "-")
     if not chosen:
-        return f"None of the {kind} numbers has results yet."
+        return f"None of the {name} numbers has results yet."
     worst = max(chosen, key=lambda line: abs(line.z))
     met = sum(abs(line.z) <= AGREES for line in chosen)
     return (
-        f"{met} of the {len(chosen)} {kind} numbers agree within {AGREES:g} standard errors; "
+        f"{met} of the {len(chosen)} {name} numbers agree within {AGREES:g} standard errors; "
         f"the farthest is {worst.what}: {worst.ours} here, {worst.paper} in the paper (z = {worst.z:+.1f})."
     )
 

@@ -97,7 +97,8 @@ def _theta(founds: list[Found], folder: Path) -> Section:
 
 def _expectation(founds: list[Found], folder: Path) -> Section:
     neutral = [one for one in founds if one.labels["theta"] == 0 and len(one.good)]
-    text = [f"{rate(one)} with the penalty taken {one.labels['controller.expectation']}" for one in neutral]
+    how = {"exact": "expected exactly", "at_mean": "taken at the mean"}
+    text = [f"{rate(one)} with the penalty {how[one.labels['controller.expectation']]}" for one in neutral]
     return Section(
         "What theta = 0 means",
         [
@@ -162,7 +163,7 @@ def _reproduction(studies: Studies, folder: Path) -> list[Section]:
         table(
             folder,
             f"reproduction_{kind.replace(' ', '_')}",
-            f"{kind.capitalize()} numbers, z in standard errors",
+            f"{kind.capitalize().replace(' ', '-')} numbers, z in standard errors",
             frame,
         )
         for kind in kinds
