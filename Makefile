@@ -24,10 +24,11 @@ run: install  ## the main job: MPPI-Belief, 200 trials, a table and a picture
 STUDIES := table_1 w_obs_sweep theta_sweep expectation diffusion horizon_and_samples
 
 report: install  ## run what is missing of the paper's studies, then tables, figures and outputs/report/index.html
-	@set -e; for study in $(STUDIES); do echo "== $$study"; $(BIN)/mppi-belief run experiment=$$study $(ARGS); done
+	@for study in $(STUDIES); do echo "== $$study"; \
+	  $(BIN)/mppi-belief run experiment=$$study $(ARGS) || [ $$? -eq 3 ] || exit 1; done  # 3: some trials failed
 	$(BIN)/mppi-belief report $(ARGS)
 
-calibration: install  ## search the numbers the paper leaves open (an hour; goes on where it stopped)
+calibration: install  ## search the numbers the paper leaves open, half an hour a call; goes on where it stopped
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[dev,calibration]"
 	$(BIN)/python experiments/calibration/search.py $(ARGS)
 

@@ -71,7 +71,7 @@ def test_build_makes_what_the_configuration_says():
     assert isinstance(built.problem.cost.obstacles, mb.Obstacles)
     assert isinstance(built.filter, mb.EKF)
     assert (built.controller.theta, built.controller.n_samples, built.problem.cost.w_obs) == (2.0, 16, 100.0)
-    np.testing.assert_array_equal(built.problem.prior_mean, [1, 1, 0, 0])
+    np.testing.assert_array_equal(built.problem.prior_mean, [0.9, 1.9, 0, 0])
 
 
 @pytest.mark.parametrize(
@@ -221,7 +221,8 @@ def test_the_scene_of_the_plane_shows_where_measurements_are_good():
     assert noise["level"].shape == (len(noise["y"]), len(noise["x"]))
     expected = 0.5**0.5 * np.abs(noise["x"] - 5) + 0.1
     np.testing.assert_allclose(noise["level"], np.tile(expected, (len(noise["y"]), 1)), atol=1e-3)
-    assert (scene["start"], scene["goal"], scene["radius"], scene["dt"]) == ([1, 1], [7, 0], 0.65, 0.1)
+    np.testing.assert_allclose(scene["start"], [0.9, 1.9], rtol=1e-6)
+    assert (scene["goal"], scene["radius"], scene["dt"]) == ([7, 0], 0.65, 0.1)
     assert scene["obstacles"] == [[3, 1], [3, -1]]
 
 

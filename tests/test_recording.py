@@ -156,14 +156,15 @@ def test_a_controller_without_samples_has_a_residual_but_no_paths(silent):
 
 
 @pytest.mark.parametrize("convention", ["sample", "intensity"])
-def test_the_residual_is_that_of_the_recursions_along_the_trials_own_controls(convention, silent):
+def test_the_residual_is_that_of_the_recursions_along_the_trials_own_means(convention, silent):
     """Written anew, with what controls do not reach of D: the filter's D = K S K' / dt, and (8b), (9) by expm."""
     A, G = np.block([[np.zeros((2, 2)), np.eye(2)], [np.zeros((2, 4))]]), np.vstack([np.zeros((2, 2)), np.eye(2)])
     C, F, Q = np.hstack([np.eye(2), np.zeros((2, 2))]), np.eye(4) + DT * A, 0.3**2 * G @ G.T
     problem = silent.config["problem"]
     mean, cov = np.array(problem["prior_mean"]), np.diag(np.array(problem["prior_std"]) ** 2)
     expected = []
-    for u in ran(silent.config).controls:
+    trial = ran(silent.config)
+    for u, landed in zip(trial.controls, trial.means[1:], strict=True):
         after = F @ mean + DT * G @ u
         if convention == "sample":
             cov = F @ cov @ F.T + DT * Q
@@ -175,7 +176,7 @@ def test_the_residual_is_that_of_the_recursions_along_the_trials_own_controls(co
             D = cov @ information @ cov
             flow = expm(DT * np.block([[-A.T, information], [Q, A]])) @ np.vstack([np.eye(4), cov])
             cov = flow[4:] @ np.linalg.inv(flow[:4])
-        mean = after
+        mean = landed
         expected.append(np.sqrt(1 - np.sum(D[2:, 2:] ** 2) / np.sum(D**2)))
     assert np.ptp(expected) > 0.1
     np.testing.assert_allclose(silent.curve(convention, "optimum"), expected, atol=1e-3)

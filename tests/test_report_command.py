@@ -22,6 +22,7 @@ from mppi_belief.study.plan import Cell
 from report_helpers import lost, random_trials, store, store_pictured
 
 TABLE_1 = ["experiment=table_1", "n_trials=12"]
+TRIAL = 1  # that the study records
 FILES = ["index.html", "table_1.csv", "table_1.md", "table_1.tex"]
 
 
@@ -107,7 +108,7 @@ def test_a_run_is_read_and_nothing_is_run_or_changed(report, root):
 
 def test_a_second_call_writes_the_same_bytes(report, root, folder):
     for cell in fill(root, *TABLE_1)[:2]:
-        store_pictured(root / cell.id, 0)
+        store_pictured(root / cell.id, TRIAL)
     assert report(*TABLE_1).code == 0
     before = {path.name: path.read_bytes() for path in folder.iterdir()}
     assert {"figure_1.png", "figure_1.pdf", "matching.png", "matching.pdf", "animation.gif", *FILES} <= set(before)
@@ -202,8 +203,8 @@ def test_files_that_cannot_be_read_are_named_once_and_skipped(report, root, fold
 
 def test_small_files_that_are_torn_do_not_stop_it(report, root, folder):
     (cell, *_) = fill(root, *TABLE_1)
-    store_pictured(root / cell.id, 0)
-    for name in ("timing", "scene", "recording-0"):
+    store_pictured(root / cell.id, TRIAL)
+    for name in ("timing", "scene", f"recording-{TRIAL}"):
         path = root / cell.id / f"{name}.json"
         path.write_text(path.read_text()[:-5])
     said = report(*TABLE_1)

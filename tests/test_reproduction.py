@@ -79,15 +79,14 @@ def test_every_published_number_is_there_once_and_fitted_numbers_are_those_of_ta
     for name, cost, sd, rate in TABLE_1.values():
         expected |= {(f"{name}, cost", f"{cost}"), (f"{name}, spread of the cost", f"{sd}")}
         expected |= {(f"{name}, collisions %", f"{rate:.1f}")}
+    expected |= {("theta 1, cost", "56.6"), ("theta 1, collisions %", "0.0")}  # Table I's cell again
     assert fitted == expected
     predicted = {(line.what, line.paper) for line in lines if line.kind == HELD_OUT}
     expected = {(f"theta {theta}, collisions %", "0.5 to 1.5") for theta in (2, 5)}
     for theta, (rate, clearance, cost) in THETA.items():
-        expected |= {
-            (f"theta {theta:g}, collisions %", f"{rate:.1f}"),
-            (f"theta {theta:g}, clearance m", f"{clearance:.2f}"),
-        }
-        expected |= {(f"theta {theta:g}, cost", f"{cost}")} if cost else set()
+        expected.add((f"theta {theta:g}, clearance m", f"{clearance:.2f}"))
+        expected |= {(f"theta {theta:g}, collisions %", f"{rate:.1f}")} if theta != 1 else set()
+        expected |= {(f"theta {theta:g}, cost", f"{cost}")} if cost and theta != 1 else set()
     for w_obs in WEIGHTS:
         expected |= {
             (f"w_obs {w_obs:g}, {TABLE_1[name][0]}, collisions %", "11 to 33") for name in ("ilqg", "ce", "pipf")
@@ -104,8 +103,11 @@ def test_the_papers_own_numbers_agree_with_themselves():
         assert abs(line.z) < 1e-6, line
         assert line.paper == line.ours or " to " in line.paper
     lines = compare(table_1(), thetas(), weights())
-    assert verdict(lines, FITTED).startswith("12 of the 12 fitted numbers agree within 2 standard errors; ")
-    assert verdict(lines, HELD_OUT).startswith(f"{len(lines) - 12} of the {len(lines) - 12} held out numbers agree")
+    assert verdict(lines, FITTED).startswith("14 of the 14 fitted numbers agree within 2 standard errors; ")
+    ranges = sum(" to " in line.paper for line in lines)
+    points = len(lines) - 14 - ranges
+    said = f"{points} of the {points} held-out numbers agree within 2 standard errors, and {ranges} of {ranges} ranges"
+    assert verdict(lines, HELD_OUT).startswith(said)
 
 
 def test_z_of_table_1_by_hand():
@@ -193,8 +195,15 @@ def test_the_verdict_counts_and_names_the_farthest():
     said = verdict(lines, FITTED)
     assert said.startswith("3 of the 6 fitted numbers agree within 2 standard errors")
     assert "the farthest is number 5: 5.7 here, 5.5 in the paper (z = -9.5)" in said
-    assert verdict(lines[:6], HELD_OUT) == "None of the held out numbers has results yet."
+    assert verdict(lines[:6], HELD_OUT) == "None of the held-out numbers has results yet."
     assert verdict(lines[6:7], FITTED) == "None of the fitted numbers has results yet."
+
+
+def test_ranges_are_counted_apart():
+    lines = [Compared(HELD_OUT, "a", "1", "9", 5.0), Compared(HELD_OUT, "b", "1", "1", 0.0)]
+    lines += [Compared(HELD_OUT, f"c{z}", "1 to 2", "2", z, is_range=True) for z in (0.0, 0.0, 3.0)]
+    said = "1 of the 2 held-out numbers agree within 2 standard errors, and 2 of 3 ranges are met as well; "
+    assert verdict(lines, HELD_OUT).startswith(said)
 
 
 def claim(found: Sequence[str], start: str) -> str:

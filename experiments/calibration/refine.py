@@ -3,9 +3,10 @@
     python experiments/calibration/refine.py --from 51 --iterations 6
 
 Gauss-Newton with Levenberg-Marquardt damping on Table I's twelve deviations, in coordinates that run from 0 to 1
-over each number's range; derivatives by differences under common random numbers. J'J at the end is
-the Fisher information of Table I's numbers (each is in units of its own standard error), so its inverse gives
-the standard error of each open number, the others free: more digits than that mean nothing.
+over each number's range; derivatives by differences under common random numbers. J'J at the end is the
+Fisher information of Table I's numbers (each is in units of its own standard error); with that of a number
+that may be anywhere in its range added, its inverse gives the standard error of each open number, the others free:
+more digits than that mean nothing.
 """
 
 import argparse
@@ -113,9 +114,9 @@ def standard_errors(J: np.ndarray, unit: np.ndarray, steps: int) -> dict[str, tu
     return {name: (at[name], abs(other[name] - at[name])) for name in NAMES}
 
 
-def start(number: int) -> dict[str, Any]:
+def start(log: Path, number: int) -> dict[str, Any]:
     """A candidate of the search's log."""
-    with (HERE / "trials.csv").open() as file:
+    with log.open() as file:
         row = next(row for row in csv.DictReader(file) if int(row["trial"]) == number)
     return {**{name: float(row[name]) for name in NAMES}, "steps": int(float(row["steps"]))}
 
@@ -124,11 +125,12 @@ def main() -> None:
     """Refine one candidate and print what the fit can tell apart."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--from", dest="number", type=int, required=True)
+    parser.add_argument("--log", type=Path, default=HERE / "trials.csv")
     parser.add_argument("--iterations", type=int, default=6)
     parser.add_argument("--processes", type=int, default=2)
     args = parser.parse_args()
     environment.prepare()
-    at = start(args.number)
+    at = start(args.log, args.number)
     with ProcessPoolExecutor(args.processes, get_context("spawn"), initializer=environment.prepare) as pool:
         unit, J = refine(pool, to_unit(at), at["steps"], args.iterations)
     for name, (value, error) in standard_errors(J, unit, at["steps"]).items():

@@ -23,7 +23,6 @@ from optuna.storages.journal import JournalFileBackend
 import scenario
 from mppi_belief.study import environment
 
-HERE = Path(__file__).parent
 QUICK = ("belief", "ce", "ilqg")
 STAGES = ((QUICK, 24), (QUICK, 72), (QUICK, 200), (("pipf",), 50))
 
@@ -92,6 +91,7 @@ def main() -> int:
     parser.add_argument("--minutes", type=float, default=30)
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--journal", type=Path, default=Path("outputs/calibration/journal.log"))
+    parser.add_argument("--log", type=Path, default=Path("outputs/calibration/trials.csv"))
     args = parser.parse_args()
     environment.prepare()
     args.journal.parent.mkdir(parents=True, exist_ok=True)
@@ -105,7 +105,7 @@ def main() -> int:
         worker.start()
     for worker in workers:
         worker.join()
-    save_log(study, HERE / "trials.csv")
+    save_log(study, args.log)
     print(study.best_trial.value, study.best_trial.params, study.best_trial.user_attrs, sep="\n")
     return max(abs(worker.exitcode or 0) for worker in workers)
 

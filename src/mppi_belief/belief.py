@@ -105,20 +105,25 @@ def riccati_step(cov: Array, A: Array, Q: Array, C: Array, R_o: Array, dt: Array
     return symmetrise(W + F @ cov @ jnp.linalg.solve(eye + J @ cov, F.T))
 
 
-def gain_schedule(problem: Problem, belief: Belief, controls: Array, method: str = "filter") -> GainSchedule:
-    """The schedule along the mean that `controls` (T, nu) lead to from `belief`.
+def gain_schedule(
+    problem: Problem, belief: Belief, controls: Array, method: str = "filter", means: Array | None = None
+) -> GainSchedule:
+    """The schedule along the mean that `controls` (T, nu) lead to from `belief`, or along given `means` (T, nx) of
+    t_1..t_T.
 
     "filter" runs the discrete recursion that the filter itself runs (D = K S K' / dt); "riccati"
     solves (11) with coefficients frozen over each step (K and D of the continuous theory, at t_k).
     """
     step = {"filter": _filter_schedule_step, "riccati": _riccati_schedule_step}[method]
 
-    def advance(at: Belief, u: Array) -> tuple[Belief, tuple[Belief, Array, Array]]:
+    def advance(at: Belief, given: tuple[Array, Array | None]) -> tuple[Belief, tuple[Belief, Array, Array]]:
+        u, mean = given
         after, gain, diffusion = step(problem, at, u)
+        after = after if mean is None else after._replace(mean=mean)
         return after, (after, gain, diffusion)
 
     start = Belief(belief.mean, belief.cov)  # a filter's belief may hold more
-    _, (after, gain, diffusion) = jax.lax.scan(advance, start, controls)
+    _, (after, gain, diffusion) = jax.lax.scan(advance, start, (controls, means))
     mean = jnp.concatenate([belief.mean[None], after.mean])
     cov = jnp.concatenate([belief.cov[None], after.cov])
     return GainSchedule(mean, cov, gain, diffusion)

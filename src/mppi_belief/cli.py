@@ -208,9 +208,8 @@ def report(args: Sequence[str]) -> int:
     studies = {name: [Cell(config) for config in configs] for name, configs in composed.items()}
     if not all(composed.values()):  # --cfg, --info
         return 0
-    first = composed[names[0]][0]
-    root, folder = Path(first["results_dir"]), Path(first["report_dir"])
-    return 0 if write(studies, root, first["n_trials"], folder, overrides) else SOME_FAILED
+    folder = Path(composed[names[0]][0]["report_dir"])
+    return 0 if write(studies, folder, overrides) else SOME_FAILED
 
 
 def _config_dirs(args: Sequence[str]) -> list[str]:

@@ -1,8 +1,7 @@
 """One trial in detail, for pictures: the paths a planner sampled at each step, the matching residual.
 
-The residual (Proposition 3) is taken along the trial's own nominal, the belief mean that its controls led
-to, for the covariances of both readings of sigma_o: "sample" by the filter's recursion, "intensity" by the
-Riccati equation.
+The residual (Proposition 3) is taken along the trial's own belief means, for the covariances that both readings of
+sigma_o lead to there: "sample" by the filter's recursion, "intensity" by the Riccati equation.
 """
 
 from dataclasses import replace
@@ -25,20 +24,21 @@ def record(config: dict[str, Any]) -> dict[str, Any]:
     """Run the trial `config["record"]` again and keep what `run_trials` does not."""
     with jax.enable_x64(config["precision"] == "float64"):
         parts = jax.device_put(build(config))
-        samples, controls = _run(*parts, config["seed"], config["record"])
+        samples, controls, means = _run(*parts, config["seed"], config["record"])
         kept = None if samples is None else _thin(*(np.asarray(part, dtype=float) for part in samples))
         return {
             "trial": config["record"],
             "samples": kept,
-            "matching": _matching(parts.problem, parts.controller, controls),
+            "matching": _matching(parts.problem, parts.controller, controls, means),
         }
 
 
 @jax.jit
 def _run(
     problem: Problem, filter: Filter, controller: Controller, seed: Any, trial: Any
-) -> tuple[tuple[Array, Array] | None, Array]:
-    """Positions (T, H, d, N) and weights (T, N) of the sampled paths, if the planner tells them; controls (T, nu)."""
+) -> tuple[tuple[Array, Array] | None, Array, Array]:
+    """Positions (T, H, d, N) and weights (T, N) of the sampled paths, if the planner tells them; controls (T, nu);
+    belief means (T + 1, nx)."""
     place = jax.vmap(jax.vmap(problem.system.position, in_axes=-1, out_axes=-1))
 
     def note(info: Any) -> tuple[Array, Array] | None:
@@ -46,7 +46,7 @@ def _run(
         return (place(info.means), info.weights) if shapes == [3, 1] else None
 
     result, samples = closed_loop(problem, filter, controller, seed, trial, note)
-    return samples, result.controls
+    return samples, result.controls, result.beliefs.mean
 
 
 def _thin(positions: np.ndarray, weights: np.ndarray) -> dict[str, Any]:
@@ -60,14 +60,15 @@ def _thin(positions: np.ndarray, weights: np.ndarray) -> dict[str, Any]:
     return {"position": np.round(paths, 3).tolist(), "weight": np.round(kept, 5).tolist()}
 
 
-def _matching(problem: Problem, controller: Controller, controls: Array) -> dict[str, Any]:
+def _matching(problem: Problem, controller: Controller, controls: Array, means: Array) -> dict[str, Any]:
     """Residuals (T,) at the best weight of each step and, if the controller has a temperature, at lambda R^-1."""
     curves: dict[str, Any] = {}
     temperature = getattr(controller, "temperature", None)
     for convention, method in (("sample", "filter"), ("intensity", "riccati")):
         system: Any = problem.system
         told = replace(problem, system=replace(system, noise_convention=convention))
-        schedule = gain_schedule(told, prior(told), controls, method)
+        start = prior(told)._replace(mean=means[0])
+        schedule = gain_schedule(told, start, controls, method, means[1:])
         curves[convention] = {"optimum": _curve(told, schedule, None)}
         if temperature is not None:
             curves[convention]["imposed"] = _curve(told, schedule, matched_weight(problem.cost.R, temperature))

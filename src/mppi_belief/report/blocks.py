@@ -7,24 +7,23 @@ from typing import Any
 import pandas as pd
 from matplotlib.figure import Figure
 
-from .cells import Found
+from .cells import Found, differing
 from .figures import save_both
 from .files import write_frame
 from .page import Picture, Table
-from .summary import interval, numbers, plain, summarise, summary
+from .summary import interval, numbers, summarise, summary
 
 
 def lines(founds: Sequence[Found]) -> pd.DataFrame:
     """A line of text a cell, without the labels that are the same for all that have one."""
-    every = [{name: plain(value) for name, value in found.labels.items()} for found in founds]
-    names = dict.fromkeys(name for labels in every for name in labels)
-    told = [name for name in names if len({labels.get(name, "-") for labels in every} - {"-"}) > 1]
     text = []
-    for found, labels in zip(founds, every, strict=True):
-        shown: dict[str, Any] = {name.rpartition(".")[2]: labels.get(name, "-") for name in told}
-        text.append(
-            summarise(found.rows, shown | ({"controller": found.name} if "controller" in told else {}), found.seconds)
-        )
+    for found, labels in zip(founds, differing(founds), strict=True):
+        ends = [name.rpartition(".")[2] for name in labels]
+        shown: dict[str, Any] = {
+            end if ends.count(end) == 1 else name: found.name if name == "controller" else value
+            for end, (name, value) in zip(ends, labels.items(), strict=True)
+        }
+        text.append(summarise(found.rows, shown, found.seconds))
     return pd.DataFrame(text).fillna("-")
 
 

@@ -88,7 +88,7 @@ def find(cell: Cell, root: Path, wanted: int, warn: Callable[[str], object] = la
         _json(folder, "scene", {"dt", "start", "goal", "obstacles", "radius"}),
         timing["seconds"] if timing else [],
         None if record is None else _json(folder, f"recording-{record}", {"trial", "samples", "matching"}),
-        results.read_sources(folder),
+        results.read_sources(folder, rows["trial"]),
     )
 
 
@@ -113,12 +113,19 @@ def by_method(founds: Sequence[Found]) -> dict[str, list[Found]]:
     return methods
 
 
+def differing(founds: Sequence[Found]) -> list[dict[str, str]]:
+    """The labels of each cell, as text, without those that are the same for all that have one."""
+    labels = [{name: plain(value) for name, value in found.labels.items()} for found in founds]
+    names = dict.fromkeys(name for one in labels for name in one)
+    told = [name for name in names if len({one.get(name, "-") for one in labels} - {"-"}) > 1]
+    return [{name: one.get(name, "-") for name in told} for one in labels]
+
+
 def titles(founds: Sequence[Found]) -> list[str]:
     """A name for each cell: its method's, with the settings that differ where a method occurs more than once."""
     names = [found.name for found in founds]
-    labels = [{name: plain(value) for name, value in found.labels.items()} for found in founds]
-    differ = [name for name in dict.fromkeys(key for one in labels for key in one) if name != "controller"]
-    differ = [name for name in differ if len({one.get(name) for one in labels} - {"-"}) > 1]
-    settings = [", ".join(f"{name} {one.get(name, '-')}" for name in differ) for one in labels]
+    settings = [
+        ", ".join(f"{name} {value}" for name, value in one.items() if name != "controller") for one in differing(founds)
+    ]
     pairs = zip(names, settings, strict=True)
     return [f"{name} ({setting})" if names.count(name) > 1 and setting else name for name, setting in pairs]

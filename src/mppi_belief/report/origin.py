@@ -10,7 +10,7 @@ from .cells import Found
 def provenance(founds: Sequence[Found]) -> list[tuple[str, str]]:
     """What produced the trials: commit, versions, machine, seeds, commands, wall time; (what, value) pairs."""
     sources = [source for found in founds for source in found.sources]
-    versions = [source.get("versions", {}) for source in sources]
+    versions = [source.get("versions") or {} for source in sources]
     packages = sorted({name for one in versions for name in one})
     return [
         ("commit", _all(_commit(source) for source in sources)),
@@ -20,7 +20,7 @@ def provenance(founds: Sequence[Found]) -> list[tuple[str, str]]:
         ("precision", _all(found.cell.config["precision"] for found in founds)),
         ("trials", f"{sum(len(found.rows) for found in founds)} in {len(founds)} cells"),
         ("wall time", f"{_wall_time(sources) / 60:.1f} min of running trials"),
-        ("commands", _all(" ".join(source.get("command", [])) for source in sources)),
+        ("commands", _all(" ".join(source.get("command") or []) for source in sources)),
     ]
 
 
@@ -30,7 +30,7 @@ def warnings(founds: Sequence[Found]) -> list[str]:
     lines = []
     for what, values in (
         ("commits", {_commit(source) for source in sources}),
-        ("versions of jaxlib", {source.get("versions", {}).get("jaxlib") for source in sources}),
+        ("versions of jaxlib", {(source.get("versions") or {}).get("jaxlib") for source in sources}),
         ("algorithm versions", {source.get("algorithm") for source in sources}),
     ):
         if len(values) > 1:
@@ -56,7 +56,7 @@ def warnings(founds: Sequence[Found]) -> list[str]:
 def _commit(source: dict[str, Any]) -> str:
     commit = source.get("commit")
     if commit is None:
-        return f"installed package {source.get('versions', {}).get('mppi-belief', 'of unknown version')}"
+        return f"installed package {(source.get('versions') or {}).get('mppi-belief', 'of unknown version')}"
     return f"{commit}{' with changes' if source.get('dirty') else ''}"
 
 
@@ -70,5 +70,5 @@ def _wall_time(sources: Sequence[dict[str, Any]]) -> float:
     runs: dict[tuple[str, str], float] = {}
     for source in sources:
         run = str(source.get("started")), str(source.get("command"))
-        runs[run] = max(runs.get(run, 0.0), float(source.get("elapsed", 0.0)))
+        runs[run] = max(runs.get(run, 0.0), float(source.get("elapsed") or 0.0))
     return sum(runs.values())

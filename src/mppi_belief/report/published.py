@@ -39,6 +39,8 @@ THETA = {
     5.0: Sweep((0.005, 0.015)),
 }
 
+TABLE_1_THETA = 1.0  # of MPPI-Belief in Table I
+
 BASELINES = ("ilqg", "ce", "pipf")
 BASELINE_RANGE = (0.11, 0.33)  # collision rates of the baselines at every w_obs in [1e2, 1e4]
 BELIEF_BELOW = {500.0: 0.01, 2500.0: 0.0}  # the rate of MPPI-Belief from this w_obs on

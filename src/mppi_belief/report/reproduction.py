@@ -25,6 +25,7 @@ class Compared(NamedTuple):
     paper: str
     ours: str
     z: float
+    is_range: bool = False  # what the paper gives is a range, and z = 0 within
 
 
 def compare(table_1: Sequence[Found], theta: Sequence[Found], weights: Sequence[Found]) -> list[Compared]:
@@ -52,7 +53,8 @@ def _theta(found: Found, ours: Summary) -> Iterator[Compared]:
     paper = published.THETA.get(theta)
     if paper is None or ours.good < 2:
         return
-    yield _rate(HELD_OUT, f"theta {theta:g}, collisions %", ours, *paper.collision_rate)
+    fitted = FITTED if theta == published.TABLE_1_THETA else HELD_OUT  # the same cell as in Table I
+    yield _rate(fitted, f"theta {theta:g}, collisions %", ours, *paper.collision_rate)
     if paper.clearance is not None:  # its spread is not published: ours is taken for both
         values = found.good["clearance"].to_numpy(dtype=float)
         sd = float(np.std(values, ddof=1)) if np.all(np.isfinite(values)) else math.nan
@@ -61,7 +63,7 @@ def _theta(found: Found, ours: Summary) -> Iterator[Compared]:
         yield Compared(HELD_OUT, f"theta {theta:g}, clearance m", *texts, z)
     if paper.cost is not None:
         z = mean_z(ours.cost.value, ours.sd, ours.good, paper.cost, ours.sd, m)
-        yield Compared(HELD_OUT, f"theta {theta:g}, cost", f"{paper.cost}", f"{ours.cost.value:.1f}", z)
+        yield Compared(fitted, f"theta {theta:g}, cost", f"{paper.cost}", f"{ours.cost.value:.1f}", z)
 
 
 def _weight(found: Found, ours: Summary) -> Iterator[Compared]:
@@ -83,7 +85,7 @@ def _rate(kind: str, what: str, ours: Summary, low: float, high: float) -> Compa
     nearest = min(max(rate, low), high)
     z = proportion_z(ours.collisions, ours.good, nearest * m, m)
     paper = f"{100 * low:.1f}" if low == high else f"{100 * low:g} to {100 * high:g}"
-    return Compared(kind, what, paper, f"{100 * rate:.1f}", z)
+    return Compared(kind, what, paper, f"{100 * rate:.1f}", z, low != high)
 
 
 def as_frame(lines: Sequence[Compared], kind: str) -> pd.DataFrame:
@@ -100,14 +102,16 @@ def as_frame(lines: Sequence[Compared], kind: str) -> pd.DataFrame:
 
 
 def verdict(lines: Sequence[Compared], kind: str) -> str:
-    """One sentence: how many of the numbers of one kind agree, and which is farthest."""
+    """One sentence: how many of the numbers of one kind agree, and of the ranges, and which is farthest."""
     chosen, name = [line for line in lines if line.kind == kind and math.isfinite(line.z)], kind.replace(" ", "-")
     if not chosen:
         return f"None of the {name} numbers has results yet."
     worst = max(chosen, key=lambda line: abs(line.z))
-    met = sum(abs(line.z) <= AGREES for line in chosen)
+    points, ranges = ([line for line in chosen if line.is_range == wanted] for wanted in (False, True))
+    met, within = (sum(abs(line.z) <= AGREES for line in part) for part in (points, ranges))
+    also = f", and {within} of {len(ranges)} ranges are met as well" if ranges else ""
     return (
-        f"{met} of the {len(chosen)} {name} numbers agree within {AGREES:g} standard errors; "
+        f"{met} of the {len(points)} {name} numbers agree within {AGREES:g} standard errors{also}; "
         f"the farthest is {worst.what}: {worst.ours} here, {worst.paper} in the paper (z = {worst.z:+.1f})."
     )
 

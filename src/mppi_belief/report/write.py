@@ -1,7 +1,7 @@
 """The report: every table and figure of the studies, and one page with all of them."""
 
 import shlex
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from ..study.plan import Cell
@@ -21,12 +21,12 @@ LEAD = (
 )
 
 
-def report(studies: dict[str, list[Cell]], root: Path, wanted: int, folder: Path, overrides: Sequence[str]) -> bool:
-    """Read the results of some studies' cells below `root`, the first `wanted` trials of each, write the report
-    into `folder` and say on the terminal what it holds and what is missing; whether everything was there."""
+def report(studies: dict[str, list[Cell]], folder: Path, overrides: Sequence[str]) -> bool:
+    """Read the results of some studies' cells, write the report into `folder` and say on the terminal what it
+    holds and what is missing; whether everything was there."""
     complaints: dict[str, None] = {}  # cells that two studies share complain once
     found = {
-        name: [find(cell, root, wanted, complaints.setdefault) for cell in {cell.id: cell for cell in cells}.values()]
+        name: [_find(cell, complaints.setdefault) for cell in {cell.id: cell for cell in cells}.values()]
         for name, cells in studies.items()
     }
     page = write_report(found, folder, list(complaints))
@@ -37,6 +37,10 @@ def report(studies: dict[str, list[Cell]], root: Path, wanted: int, folder: Path
         print(line)
     print(f"report: {page}")
     return not lines
+
+
+def _find(cell: Cell, warn: Callable[[str], object]) -> Found:
+    return find(cell, Path(cell.config["results_dir"]), cell.config["n_trials"], warn)
 
 
 def write_report(studies: Studies, folder: Path, complaints: Sequence[str]) -> Path:

@@ -13,7 +13,7 @@ import hashlib
 import json
 import os
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -141,14 +141,16 @@ def read_paths(folder: Path, warn: Callable[[str], object] = _ignore) -> pd.Data
     return paths.drop(columns="_file")
 
 
-def read_sources(folder: Path) -> list[dict[str, Any]]:
-    """What each readable part file says of where it comes from."""
-    found = []
+def read_sources(folder: Path, trials: Collection[int]) -> list[dict[str, Any]]:
+    """What each readable part file with some of these trials says of where it comes from."""
+    found, wanted = [], set(trials)
     for path in sorted(folder.glob("part-*.parquet")):
         try:
-            found.append(read_provenance(path))
+            source, held = read_provenance(path), pq.read_table(path, columns=["trial"])["trial"].to_pylist()
         except (OSError, pa.ArrowException, KeyError, TypeError, ValueError):
             continue  # `read_rows` names it
+        if isinstance(source, dict) and wanted.intersection(held):
+            found.append(source)
     return found
 
 
