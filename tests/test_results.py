@@ -181,8 +181,8 @@ def test_paths_that_are_torn_or_not_ours_are_named_and_left_out(tmp_path):
     assert results.read_paths(tmp_path).empty
 
 
-def test_sources_are_those_of_the_files_that_can_be_read(tmp_path):
-    assert results.read_sources(tmp_path / "missing") == []
+def test_sources_are_those_of_the_files_that_can_be_read_and_hold_these_trials(tmp_path):
+    assert results.read_sources(tmp_path / "missing", range(9)) == []
     for trial, commit in ((5, "b"), (0, "a")):
         results.write_rows(tmp_path, [row(trial)], {"commit": commit, "elapsed": 1.5})
     (whole, _) = sorted(tmp_path.glob("part-*"))
@@ -194,9 +194,12 @@ def test_sources_are_those_of_the_files_that_can_be_read(tmp_path):
     pq.write_table(pa.table({"trial": [7]}, schema=told), tmp_path / "part-garbled.parquet")
     other = pa.schema([("trial", pa.int64())], metadata={b"pandas": b"{}"})
     pq.write_table(pa.table({"trial": [7]}, schema=other), tmp_path / "part-pandas.parquet")
-    assert results.read_sources(tmp_path) == [
-        {"format": results.FORMAT_VERSION, "commit": commit, "elapsed": 1.5} for commit in "ab"
-    ]
+    listed = pa.schema([("trial", pa.int64())], metadata={b"mppi-belief": b"[]"})
+    pq.write_table(pa.table({"trial": [7]}, schema=listed), tmp_path / "part-listed.parquet")
+    first, second = ({"format": results.FORMAT_VERSION, "commit": commit, "elapsed": 1.5} for commit in "ab")
+    assert results.read_sources(tmp_path, range(9)) == [first, second]
+    assert results.read_sources(tmp_path, range(5)) == [first]
+    assert results.read_sources(tmp_path, [5]) == [second]
 
 
 def test_a_place_that_can_be_written_is_made_and_left_empty(tmp_path):

@@ -13,7 +13,8 @@ def settings(**changes: Any) -> dict[str, Any]:
     top = {"theta": 1.0, "w_obs": 500.0, "seed": 0, "n_trials": 10, "workers": 2, "precision": "float32"}
     planner = {"n_samples": 16, "horizon": 4, "temperature": 1.0, "control_std": None}
     groups: dict[str, Any] = {group: {} for group in ("problem", "system", "cost", "filter", "controller")}
-    return {**top, "results_dir": "outputs", "planner": planner, **groups, **changes}
+    places = {"results_dir": "outputs", "report_dir": "outputs", "record": None}
+    return {**top, **places, "planner": planner, **groups, **changes}
 
 
 @pytest.mark.parametrize(
@@ -28,6 +29,8 @@ def settings(**changes: Any) -> dict[str, Any]:
         ("n_trials", 10**7),
         ("workers", 1),
         ("precision", "float64"),
+        ("record", 0),
+        ("record", None),
         ("system", {"drift": -1e300, "centers": [[]], "note": "nan"}),
     ],
 )
@@ -42,6 +45,8 @@ def test_what_is_in_range_passes_and_stays_as_it_is(key, value):
     ("key", "value", "reason"),
     [
         ("theta", -1e-9, "at least 0"),
+        ("record", -1, "at least 0"),
+        ("report_dir", " ", "must name a folder"),
         ("theta", math.nan, "finite"),
         ("theta", math.inf, "finite"),
         ("w_obs", -5.0, "at least 0"),
