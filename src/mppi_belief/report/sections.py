@@ -123,7 +123,8 @@ def _diffusion(founds: list[Found], folder: Path) -> Section:
         "Matched diffusion or Algorithm 1 as printed",
         [
             "On the scalar system matching holds exactly, and LQG is the optimum: what Algorithm 1 as printed and the "
-            "planner about a warm-started nominal cost above it is the price of sampling. On the light-dark system the "
+            "planner about a warm-started nominal cost above it is the price of sampling and of their horizon. On the "
+            "light-dark system the "
             "innovation hardly moves the velocity in the dark, so that Algorithm 1 as printed hardly steers there; LQG "
             "does not see the obstacles.",
         ],
