@@ -32,7 +32,7 @@ class Found(NamedTuple):
     scene       dt, start, goal, obstacles, radius, noise; None where nothing was kept
     seconds     wall times of single control steps, empty where none were taken
     recording   one trial in detail (`mppi_belief.experiment.recording`), or None
-    sources     the provenance of every part file
+    sources     the provenance of every part file that holds one of the rows
     """
 
     cell: Cell
