@@ -213,6 +213,11 @@ def test_small_files_that_are_torn_do_not_stop_it(report, root, folder):
     assert pd.read_csv(folder / "table_1.csv")["time"].isna().tolist() == [True, False, False, False]
 
 
+def test_make_report_runs_the_studies_that_the_report_shows():
+    makefile = (cli.conf_dir().parent / "Makefile").read_text()
+    assert re.search(r"^STUDIES := (.*)$", makefile, re.MULTILINE)[1].split() == list(STUDIES)
+
+
 BAD = [
     "experiment=tabel_1",
     "experiment=",

@@ -1,26 +1,15 @@
 """Files written whole or not at all, with the same bytes for the same content."""
 
-import os
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pandas as pd
 
-
-def atomically(path: Path, write: Callable[[Path], Any]) -> None:
-    """Let `write` fill a temporary file and put it in the place of `path`; nothing is left behind where it fails."""
-    temporary = path.with_name(f".tmp-{os.getpid()}-{path.name}")
-    try:
-        write(temporary)
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
+from ..study.results import write_whole
 
 
 def write_text(path: Path, text: str) -> None:
     """A text file."""
-    atomically(path, lambda temporary: temporary.write_text(text, encoding="utf-8"))
+    write_whole(path, lambda temporary: temporary.write_text(text, encoding="utf-8"))
 
 
 def write_frame(folder: Path, stem: str, text: pd.DataFrame, numbers: pd.DataFrame | None) -> None:

@@ -76,18 +76,18 @@ def write_paths(folder: Path, rows: Sequence[dict[str, Any]]) -> None:
 
 def write_json(folder: Path, name: str, content: Any) -> None:
     """A small file beside the tables."""
-    _write(folder / f"{name}.json", lambda path: path.write_text(json.dumps(content)))
+    write_whole(folder / f"{name}.json", lambda path: path.write_text(json.dumps(content)))
 
 
 def _write_table(folder: Path, kind: str, rows: Sequence[dict[str, Any]], table: pa.Table) -> None:
     trials = sorted({row["trial"] for row in rows})
     digest = hashlib.sha256(repr(trials).encode()).hexdigest()[:8]
     name = f"{kind}-{trials[0]:06d}-{trials[-1]:06d}-{digest}.parquet"
-    _write(folder / name, lambda path: pq.write_table(table, path, compression="zstd"))
+    write_whole(folder / name, lambda path: pq.write_table(table, path, compression="zstd"))
 
 
-def _write(target: Path, fill: Callable[[Path], Any]) -> None:
-    """Temporary file, fsync, rename: a reader sees all of it or nothing, also after a power cut."""
+def write_whole(target: Path, fill: Callable[[Path], Any]) -> None:
+    """Let `fill` write a temporary file, fsync, rename: a reader sees all of it or nothing, also after a power cut."""
     target.parent.mkdir(parents=True, exist_ok=True)
     temporary = target.with_name(f".tmp-{os.getpid()}-{target.name}")
     try:
@@ -146,7 +146,8 @@ def read_sources(folder: Path, trials: Collection[int]) -> list[dict[str, Any]]:
     found, wanted = [], set(trials)
     for path in sorted(folder.glob("part-*.parquet")):
         try:
-            source, held = read_provenance(path), pq.read_table(path, columns=["trial"])["trial"].to_pylist()
+            file = pq.ParquetFile(path)
+            source, held = _provenance(file.schema_arrow), file.read(columns=["trial"])["trial"].to_pylist()
         except (OSError, pa.ArrowException, KeyError, TypeError, ValueError):
             continue  # `read_rows` names it
         if isinstance(source, dict) and wanted.intersection(held):
@@ -156,7 +157,11 @@ def read_sources(folder: Path, trials: Collection[int]) -> list[dict[str, Any]]:
 
 def read_provenance(path: Path) -> dict[str, Any]:
     """What a part file says of where it comes from."""
-    found: dict[str, Any] = json.loads(pq.read_schema(path).metadata[_KEY])
+    return _provenance(pq.read_schema(path))
+
+
+def _provenance(schema: pa.Schema) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads(schema.metadata[_KEY])
     return found
 
 

@@ -16,12 +16,13 @@ from matplotlib.patches import Ellipse
 from matplotlib.text import Text
 from PIL import Image
 
+from ...study.results import write_whole
 from ..cells import Found
-from ..files import atomically
 from .plane import (
     LIGHT,
     SIDE_BY_SIDE,
     SIGMAS,
+    around,
     darkest,
     draw_scene,
     ellipse,
@@ -82,7 +83,7 @@ def animate(founds: Sequence[Found], path: Path) -> bool:
     frames = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
     durations = [FRAME] * (len(frames) - 1) + [HOLD]
     later = {"save_all": True, "append_images": frames[1:], "duration": durations, "loop": 0}
-    atomically(path, lambda temporary: frames[0].save(temporary, format="GIF", **later))
+    write_whole(path, lambda temporary: frames[0].save(temporary, format="GIF", **later))
     return True
 
 
@@ -102,8 +103,7 @@ def _show(found: Found) -> Show | None:
 
 
 def _frames(shows: Sequence[Show], steps: Sequence[int]) -> Iterator[Image.Image]:
-    boxes = np.stack([window([show.position, *_reach(show)], show.scene) for show in shows])
-    corners = np.stack([boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)])
+    corners = around([window([show.position, *_reach(show)], show.scene) for show in shows])
     width, height = corners[1] - corners[0]
     size = (WIDTH, min(1.0 + (WIDTH - 1.2) / len(shows) * height / width, WIDTH))
     figure = Figure(figsize=size, dpi=PIXELS, layout="compressed")

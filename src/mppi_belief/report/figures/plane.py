@@ -1,6 +1,6 @@
 """What every picture of the plane shares: sigma_o as shading, obstacles, start, goal, ellipses of beliefs."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -64,6 +64,12 @@ def window(paths: Iterable[np.ndarray], scene: dict[str, Any]) -> np.ndarray:
     x, y = scene["noise"]["x"], scene["noise"]["y"]
     low, high = np.nanmin(points, axis=0) - 0.35, np.nanmax(points, axis=0) + 0.35
     return np.stack([np.maximum(low, [x[0], y[0]]), np.minimum(high, [x[-1], y[-1]])])
+
+
+def around(boxes: Sequence[np.ndarray]) -> np.ndarray:
+    """The corners (2, 2) of the box around boxes given by theirs."""
+    corners = np.stack(boxes)
+    return np.stack([corners[:, 0].min(axis=0), corners[:, 1].max(axis=0)])
 
 
 def darkest(scene: dict[str, Any], corners: np.ndarray) -> float:

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import matplotlib as mpl
 from matplotlib.figure import Figure
 
-from ..files import atomically
+from ...study.results import write_whole
 
 BLUE, ORANGE, GREEN, INK, GREY = "#0072B2", "#D55E00", "#009E73", "#222222", "#777777"
 COLUMN = 3.5  # inches, the column of a two-column paper
@@ -78,7 +78,7 @@ def place(method: str) -> int:
 
 def save(figure: Figure, path: Path) -> None:
     """Write a PNG whole or not at all."""
-    atomically(path, lambda temporary: figure.savefig(temporary, dpi=DPI, format="png"))
+    write_whole(path, lambda temporary: figure.savefig(temporary, dpi=DPI, format="png"))
 
 
 def save_both(figure: Figure, folder: Path, stem: str) -> list[str]:
@@ -91,5 +91,5 @@ def save_both(figure: Figure, folder: Path, stem: str) -> list[str]:
     for kind, metadata in undated.items():
         write = partial(figure.savefig, dpi=DPI, format=kind, metadata=metadata)
         with mpl.rc_context(STYLE):
-            atomically(folder / f"{stem}.{kind}", write)
+            write_whole(folder / f"{stem}.{kind}", write)
     return [f"{stem}.{kind}" for kind in undated]

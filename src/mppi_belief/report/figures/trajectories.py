@@ -18,6 +18,7 @@ from .plane import (
     LIGHT,
     SIDE_BY_SIDE,
     SIGMAS,
+    around,
     darkest,
     draw_scene,
     ellipse,
@@ -69,8 +70,7 @@ def figure_1(founds: Sequence[Found]) -> Figure | None:
     cells = [(found, *kept) for found in ordered if (kept := kept_in_plane(found))]
     if not cells:
         return None
-    boxes = np.stack([window([stacked(paths)[0]], scene) for _, scene, paths in cells])
-    corners = np.stack([boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)])
+    corners = around([window([stacked(paths)[0]], scene) for _, scene, paths in cells])
     columns = min(len(cells), 2)
     rows = -(-len(cells) // columns)
     (width, height), across = corners[1] - corners[0], (COLUMN - 0.35) / columns
@@ -148,8 +148,7 @@ def _planes(runs: Sequence[Run], columns: int) -> Figure:
         axes.set_ylabel("$p_y$ (m)")
     figure.colorbar(shading, ax=panels, label=r"$\sigma_o$ (m)", fraction=0.04, pad=0.02, shrink=0.8)
     figure.legend(*_legend(runs), loc="outside lower center", ncols=5)
-    corners = np.vstack([_corners(run) for run in runs])
-    low, high = corners.min(axis=0) - 0.5, corners.max(axis=0) + 0.5
+    low, high = around([_corners(run) for run in runs]) + np.array([[-0.5], [0.5]])
     panels[0, 0].set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
     return figure
 
