@@ -34,6 +34,7 @@ _HOME = {
     "System": "problem",
     "Obstacles": "obstacles",
     "LightDark": "systems",
+    "Linear": "systems",
     "ScalarLinear": "systems",
     "GoalObstacleCost": "costs",
     "EKF": "filters",

@@ -1,6 +1,7 @@
 """Systems (1a)(1b), one file each."""
 
 from .light_dark import LightDark
+from .linear import Linear
 from .scalar_linear import ScalarLinear
 
-__all__ = ["LightDark", "ScalarLinear"]
+__all__ = ["LightDark", "Linear", "ScalarLinear"]

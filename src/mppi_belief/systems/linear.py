@@ -1,0 +1,43 @@
+"""A linear-Gaussian system of any size (Proposition 2).
+
+dx = (A x + B u) dt + H dw,      dy = C x dt + sigma_o dnu
+"""
+
+import jax.numpy as jnp
+from jax import Array
+
+from ..pytree import array, choice, struct
+
+
+@struct
+class Linear:
+    """nx states, nu controls, ny measurements, nw noise channels, no obstacles."""
+
+    A: Array = array(ndim=2)  # (nx, nx)
+    B: Array = array(ndim=2)  # (nx, nu)
+    C: Array = array(ndim=2)  # (ny, nx)
+    channel: Array = array(ndim=2)  # H (nx, nw)
+    sensor_noise: Array = array(ndim=1, gt=0)  # the diagonal of sigma_o (ny,)
+    noise_convention: str = choice("intensity", "sample")
+
+    @property
+    def H(self) -> Array:
+        return jnp.asarray(self.channel)
+
+    def f(self, x: Array) -> Array:
+        return jnp.asarray(self.A) @ x
+
+    def G(self, x: Array) -> Array:
+        return jnp.asarray(self.B)
+
+    def c(self, x: Array) -> Array:
+        return jnp.asarray(self.C) @ x
+
+    def sigma_o(self, x: Array) -> Array:
+        return jnp.diag(jnp.asarray(self.sensor_noise))
+
+    def position(self, x: Array) -> Array:
+        return x
+
+    def clearance(self, x: Array) -> Array:
+        return jnp.asarray(jnp.inf)
