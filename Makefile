@@ -4,7 +4,7 @@ BIN := $(VENV)/bin
 ARGS ?=
 
 .DEFAULT_GOAL := help
-.PHONY: help install run report calibration test test-solver check lint types layers format bench picture clean
+.PHONY: help install run report verify calibration test test-solver check lint types layers format bench picture clean
 
 help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -26,7 +26,11 @@ STUDIES := table_1 w_obs_sweep theta_sweep expectation diffusion horizon_and_sam
 report: install  ## run what is missing of the paper's studies, then tables, figures and outputs/report/index.html
 	@for study in $(STUDIES); do echo "== $$study"; \
 	  $(BIN)/mppi-belief run experiment=$$study $(ARGS) || [ $$? -eq 3 ] || exit 1; done  # 3: some trials failed
+	@echo "== certificates"; $(BIN)/mppi-belief verify $(filter seed=% workers=% verify_dir=%,$(ARGS)) || [ $$? -eq 1 ]  # 1: one fails
 	$(BIN)/mppi-belief report $(ARGS)
+
+verify: install  ## certificates of the paper's theorems, a minute or two: outputs/verify/certificates.md
+	$(BIN)/mppi-belief verify $(ARGS)
 
 calibration: install  ## search the numbers the paper leaves open, half an hour a call; goes on where it stopped
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[dev,calibration]"

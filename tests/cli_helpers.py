@@ -13,10 +13,10 @@ from typing import Any, NamedTuple
 
 import pytest
 
-from mppi_belief import cli
+from mppi_belief import cli, composing
 
 COMMAND = str(Path(sys.executable).with_name("mppi-belief"))
-CONF = cli.conf_dir()
+CONF = composing.conf_dir()
 PLANNER = ("planner.n_samples=16", "planner.horizon=4", "problem.steps=3")
 SMALL = ("system=scalar_linear", *PLANNER)
 TIMEOUT = 120  # s, only so that a test that hangs ends

@@ -228,7 +228,7 @@ def test_a_users_own_controller_runs_from_a_yaml_and_a_module_beside_it(tmp_path
 
 
 COMPLETIONS = {
-    "mppi-belief ": ["run", "report", "--help", "--version"],
+    "mppi-belief ": ["run", "report", "verify", "--help", "--version"],
     "mppi-belief r": ["run", "report"],
     "mppi-belief report exp": ["experiment="],
     "mppi-belief x": [],

@@ -18,6 +18,7 @@ import pytest
 from cli_helpers import CONF, PLANNER, collect, compose
 from experiment_helpers import compiled_quickly
 from helpers import float64
+from mppi_belief.composing import RUNTIME_KEYS
 from mppi_belief.experiment import Experiment, build, check, run_trials
 from mppi_belief.problem import ClosedFormCost, Cost, System
 from mppi_belief.study.plan import Cell
@@ -213,5 +214,5 @@ def test_a_study_composes_cells_that_differ_and_can_be_built(study):
         parts = build(config)
         assert isinstance(parts.problem.cost, Cost)
         assert callable(parts.controller.act)
-    for key in ("n_trials", "workers", "results_dir", "report_dir", "record"):  # of the run, not of a cell
+    for key in RUNTIME_KEYS:
         assert len({config[key] for config in configs}) == 1

@@ -16,7 +16,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from cli_helpers import Said, call, collect, files_in, python
-from mppi_belief import cli
+from mppi_belief import cli, composing
 from mppi_belief.report.write import STUDIES
 from mppi_belief.study.plan import Cell
 from report_helpers import lost, random_trials, store, store_pictured
@@ -214,7 +214,7 @@ def test_small_files_that_are_torn_do_not_stop_it(report, root, folder):
 
 
 def test_make_report_runs_the_studies_that_the_report_shows():
-    makefile = (cli.conf_dir().parent / "Makefile").read_text()
+    makefile = (composing.conf_dir().parent / "Makefile").read_text()
     assert re.search(r"^STUDIES := (.*)$", makefile, re.MULTILINE)[1].split() == list(STUDIES)
 
 

@@ -13,7 +13,7 @@ def settings(**changes: Any) -> dict[str, Any]:
     top = {"theta": 1.0, "w_obs": 500.0, "seed": 0, "n_trials": 10, "workers": 2, "precision": "float32"}
     planner = {"n_samples": 16, "horizon": 4, "temperature": 1.0, "control_std": None}
     groups: dict[str, Any] = {group: {} for group in ("problem", "system", "cost", "filter", "controller")}
-    places = {"results_dir": "outputs", "report_dir": "outputs", "record": None}
+    places = {"results_dir": "outputs", "report_dir": "outputs", "verify_dir": "outputs", "record": None}
     return {**top, **places, "planner": planner, **groups, **changes}
 
 
@@ -47,6 +47,7 @@ def test_what_is_in_range_passes_and_stays_as_it_is(key, value):
         ("theta", -1e-9, "at least 0"),
         ("record", -1, "at least 0"),
         ("report_dir", " ", "must name a folder"),
+        ("verify_dir", "", "must name a folder"),
         ("theta", math.nan, "finite"),
         ("theta", math.inf, "finite"),
         ("w_obs", -5.0, "at least 0"),

@@ -1,56 +1,21 @@
-"""The command line: `mppi-belief run ...`, `mppi-belief report ...`. The only file that imports Hydra.
+"""The command line: `mppi-belief run`, `report`, `verify`."""
 
-Collect, then execute: Hydra composes one configuration per job of a sweep and hands it to a function
-that only puts it on a list; when all are there they are checked as a whole and run as one plan.
-"""
-
-import contextlib
-import io
-import json
 import os
 import sys
-import tempfile
+import time
 from collections.abc import Callable, Sequence
-from itertools import pairwise
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-from . import __version__
-from .complaints import one_line
-from .settings import ConfigError, Settings
-from .settings import check as check_settings
+from . import __version__, usage
+from .composing import RUNTIME_KEYS, collect, compose, parse
+from .settings import ConfigError, unknown_key
 from .study.signals import held
 
-INPUT_ERROR, SOME_FAILED, CANNOT_WRITE = 2, 3, 74
-RUNTIME_KEYS = ("n_trials", "workers", "results_dir", "report_dir", "record")  # they do not change what a trial is
-COMMANDS = ("run", "report")
+NOT_HELD, INPUT_ERROR, SOME_FAILED, CANNOT_WRITE, STOPPED = 1, 2, 3, 74, 130
+COMMANDS = ("run", "report", "verify")
 FIRST_WORDS = (*COMMANDS, "--help", "--version")
-NAMED_GROUPS = ("system", "cost", "filter", "controller")
-
-USAGE = """\
-usage: mppi-belief COMMAND [ARGS]
-
-  run         run trials of a controller, or of a sweep     mppi-belief run controller=belief theta=1
-              all keys and options:                         mppi-belief run --help
-  report      tables, figures and a page from results       mppi-belief report
-              of some studies, with other settings:         mppi-belief report experiment=table_1 n_trials=50
-
-  --version   print the version
-  --help      print this
-
-Tab completion in bash: eval "$(mppi-belief -sc install=bash)"
-"""
-
-REPORT_USAGE = """\
-usage: mppi-belief report [experiment=NAME[,NAME...]] [KEY=VALUE ...]
-
-Reads what `mppi-belief run experiment=NAME` has left in results_dir, runs nothing, and writes tables
-(LaTeX, Markdown, CSV), figures (PNG, PDF) and a page (index.html) into report_dir. KEY=VALUE as for run:
-give the same settings. Without a name, all of: {studies}
-
-Exit codes: 0 done, 2 bad input, 3 trials are missing (the report has what there is, and says how to run
-the rest), 74 the report cannot be written.
-"""
 
 
 def main() -> int:
@@ -59,7 +24,7 @@ def main() -> int:
     if any(arg in ("-sc", "--shell-completion") for arg in args):
         return _guarded(lambda: _complete(args))
     if not args or args[0] in ("-h", "--help"):
-        print(USAGE, end="")
+        print(usage.USAGE, end="")
         return 0
     if args[0] == "--version":
         print(f"mppi-belief {__version__}")
@@ -69,6 +34,8 @@ def main() -> int:
             return _guarded(lambda: run(args[1:]))
     if args[0] == "report":
         return _guarded(lambda: report(args[1:]))
+    if args[0] == "verify":
+        return _guarded(lambda: verify(args[1:]))
     guess = f"; did you mean `mppi-belief run {' '.join(args)}`?" if "=" in args[0] or args[0].startswith("-") else ""
     return _complain(f"unknown command '{args[0]}'{guess or '; see mppi-belief --help'}", INPUT_ERROR)
 
@@ -89,86 +56,6 @@ def _complain(line: str, code: int) -> int:
     return code
 
 
-def conf_dir() -> Path:
-    """The configuration of the checkout this file is in, or the copy installed beside it."""
-    checkout = Path(__file__).resolve().parents[2]
-    if (checkout / "pyproject.toml").is_file() and (checkout / "conf").is_dir():
-        return checkout / "conf"
-    return Path(__file__).resolve().parent / "conf"
-
-
-def compose(args: Sequence[str], job: Callable[[Any], None]) -> None:
-    """Let Hydra compose the configuration of each job and call `job` with it; raises `ConfigError`."""
-    import hydra
-    from hydra.core.config_store import ConfigStore
-
-    ConfigStore.instance().store(name="schema", node=Settings)
-    os.environ["HYDRA_FULL_ERROR"] = "1"  # exceptions come to us, not to Hydra's own printer
-    sys.argv = ["mppi-belief", *_flags_first(args)]
-    said = io.StringIO()
-    with tempfile.TemporaryDirectory(prefix="mppi-belief-") as scratch:
-        os.environ["MPPI_BELIEF_SCRATCH"] = scratch  # Hydra writes multirun.yaml somewhere
-        try:
-            with contextlib.redirect_stderr(said):
-                hydra.main(version_base="1.3", config_path=str(conf_dir()), config_name="config")(job)()
-        except SystemExit as stop:
-            if stop.code not in (None, 0):
-                raise ConfigError(said.getvalue().strip().splitlines()[-1].partition("error: ")[2]) from None
-        except Exception as error:
-            raise ConfigError(one_line(error, conf_dir())) from error
-
-
-def _flags_first(args: Sequence[str]) -> list[str]:
-    """The arguments in the only order that argparse takes: flags before all overrides."""
-    flags, overrides, left = [], [], list(args)
-    while left:
-        arg = left.pop(0)
-        if arg in ("--config-dir", "-cd") and left:
-            flags += [arg, left.pop(0)]
-        elif arg in ("-m", "--multirun") or arg.startswith("--config-dir="):
-            flags.append(arg)
-        else:
-            overrides.append(arg)
-    return flags + overrides
-
-
-def collect(args: Sequence[str]) -> list[dict[str, Any]]:
-    """The configurations the arguments ask for, checked for types, ranges and spelling."""
-    from hydra.core.hydra_config import HydraConfig
-    from omegaconf import DictConfig, OmegaConf
-
-    configs: list[dict[str, Any]] = []
-    labels: list[dict[str, Any]] = []
-
-    def job(composed: DictConfig) -> None:
-        config: Any = OmegaConf.to_container(composed, resolve=True)
-        settings = HydraConfig.get()
-        names = {group: settings.runtime.choices[group] for group in NAMED_GROUPS}
-        keys = [override.lstrip("+~").partition("=")[0] for override in settings.overrides.task]
-        swept = [key for key in keys if key not in (*RUNTIME_KEYS, "sweep", "experiment")]
-        configs.append(config)
-        labels.append({"names": names, "swept": {key: names.get(key) or _scalar(config, key) for key in swept}})
-
-    for group in ("sweep", "experiment"):
-        if any(arg.startswith(f"{group}=") and "," in arg for arg in args):
-            raise ConfigError(f"{group}: choose one")
-    compose(args, job)
-    for config in configs:
-        check_settings(config)
-    for key in RUNTIME_KEYS:
-        if any(config[key] != configs[0][key] for config in configs):
-            raise ConfigError(f"{key} cannot be swept: it does not change what a trial is")
-    return [config | label for config, label in zip(configs, labels, strict=True)]
-
-
-def _scalar(config: dict[str, Any], key: str) -> Any:
-    """What `key` (dotted) is set to, lists and dicts as JSON, so that it fits a column."""
-    value: Any = config
-    for part in key.split("."):
-        value = value.get(part) if isinstance(value, dict) else None
-    return json.dumps(value) if isinstance(value, list | dict) else value
-
-
 def run(args: Sequence[str]) -> int:
     """`mppi-belief run`: collect, check everything, run one plan, print one table."""
     configs = collect(args)
@@ -181,7 +68,7 @@ def run(args: Sequence[str]) -> int:
     from .study.plan import Cell
     from .study.runner import Task, run_study
 
-    import_paths = [str(Path(folder).resolve()) for folder in _config_dirs(args)]
+    import_paths = [str(Path(folder).resolve()) for folder in parse(args)[2]]
     sys.path[:0] = import_paths
     cells = {cell.id: cell for cell in map(Cell, configs)}
     first = configs[0]
@@ -199,7 +86,7 @@ def report(args: Sequence[str]) -> int:
     from .study.plan import Cell
 
     if any(arg in ("-h", "--help") for arg in args):
-        print(REPORT_USAGE.format(studies=" ".join(STUDIES)), end="")
+        print(usage.REPORT.format(studies=" ".join(STUDIES)), end="")
         return 0
     chosen = [arg.partition("=")[2].split(",") for arg in args if arg.startswith("experiment=")]
     overrides = [arg for arg in args if not arg.startswith("experiment=")]
@@ -208,14 +95,77 @@ def report(args: Sequence[str]) -> int:
     studies = {name: [Cell(config) for config in configs] for name, configs in composed.items()}
     if not all(composed.values()):  # --cfg, --info
         return 0
-    folder = Path(composed[names[0]][0]["report_dir"])
-    return 0 if write(studies, folder, overrides) else SOME_FAILED
+    first = composed[names[0]][0]
+    theory = None if chosen else Path(first["verify_dir"])  # chosen studies are a report of those alone
+    return 0 if write(studies, theory, Path(first["report_dir"]), overrides) else SOME_FAILED
 
 
-def _config_dirs(args: Sequence[str]) -> list[str]:
-    """What --config-dir names: modules beside a user's yaml can be named in it."""
-    given = [arg.partition("=")[2] for arg in args if arg.startswith("--config-dir=")]
-    return given + [after for arg, after in pairwise(args) if arg in ("--config-dir", "-cd")]
+def verify(args: Sequence[str]) -> int:
+    """`mppi-belief verify`: certificates of the paper's statements, or what holds for one system."""
+    from .certificate import NAMES
+
+    if any(arg in ("-h", "--help") for arg in args):
+        print(usage.VERIFY.format(names=" ".join(NAMES)), end="")
+        return 0
+    flags, words, _ = parse(args)
+    names = [word for word in words if "=" not in word]
+    overrides = [word for word in words if "=" in word]
+    for name in names:
+        if name not in NAMES:
+            raise ConfigError(unknown_key(name, NAMES, what="certificate", see="mppi-belief verify --help"))
+    configs = collect([*flags, *overrides])
+    if not configs:  # --cfg, --info
+        return 0
+    if len(configs) > 1:
+        raise ConfigError("verify: one system at a time")
+    about_system = any(word.partition("=")[0] not in ("seed", *RUNTIME_KEYS) for word in overrides)
+    if about_system and names:
+        raise ConfigError(f"verify: either certificates or a system, not '{names[0]}' with '{overrides[0]}'")
+    from .study import environment
+
+    environment.prepare()
+    command = ["mppi-belief", "verify", *args]
+    try:
+        return _what_holds(configs[0], args, command) if about_system else _certify(configs[0], names or NAMES, command)
+    except KeyboardInterrupt:
+        return _complain("stopped", STOPPED)
+
+
+def _certify(config: dict[str, Any], names: Sequence[str], command: list[str]) -> int:
+    """Compute, store and show certificates; the exit code."""
+    from tqdm import tqdm
+
+    from .report.theory import show
+    from .study.certificates import Stored, load, store
+    from .study.pool import start_worker
+    from .study.provenance import provenance
+    from .verify.runner import certify_all
+
+    folder = Path(config["verify_dir"])
+    source = provenance(command) | {"seed": config["seed"]}
+    done = certify_all(names, config["seed"], config["workers"], partial(start_worker, []))
+    for one in tqdm(done, total=len(names), unit="certificate", disable=None):
+        store(folder, Stored(one.certificate, one.seconds, source))
+    return 0 if show(load(folder, names), folder) else NOT_HELD
+
+
+def _what_holds(config: dict[str, Any], args: Sequence[str], command: list[str]) -> int:
+    """Say which statements hold for the system of one configuration."""
+    from .experiment import build, check
+    from .report.theory import show_system
+    from .study.certificates import Stored, store
+    from .study.provenance import provenance
+    from .verify.own_system import what_holds
+
+    sys.path[:0] = [str(Path(folder).resolve()) for folder in parse(args)[2]]
+    check(config)
+    began = time.perf_counter()
+    temperature, theta, name = config["planner"]["temperature"], config["theta"], config["names"]["system"]
+    made = what_holds(*build(config), temperature, theta, config["seed"], name)
+    folder = Path(config["verify_dir"]) / "systems"
+    store(folder, Stored(made, time.perf_counter() - began, provenance(command) | {"seed": config["seed"]}))
+    show_system(made, folder)
+    return 0
 
 
 def _tell(cells: list[Any], root: Path, n_trials: int, outcome: Any) -> int:

@@ -42,6 +42,7 @@ class Settings:
     precision: str = field(default=MISSING, metadata={"options": ("float32", "float64")})
     results_dir: str = MISSING
     report_dir: str = MISSING
+    verify_dir: str = MISSING
     record: int | None = field(default=None, metadata={"range": (0, 10**7)})
     planner: Planner = MISSING
     problem: dict[str, Any] = MISSING
@@ -63,10 +64,10 @@ def labels(config: dict[str, Any]) -> dict[str, Any]:
     return found | {name: value for name, value in config["swept"].items() if name not in found}
 
 
-def unknown_key(key: str, known: Sequence[str]) -> str:
-    """One line about a misspelt key, with the nearest known one."""
+def unknown_key(key: str, known: Sequence[str], what: str = "key", see: str = "mppi-belief run --help") -> str:
+    """One line about a misspelt key, or another name, with the nearest known one."""
     near = get_close_matches(key, known, n=1)
-    return f"unknown key '{key}'" + (f"; did you mean '{near[0]}'?" if near else "; see mppi-belief run --help")
+    return f"unknown {what} '{key}'" + (f"; did you mean '{near[0]}'?" if near else f"; see {see}")
 
 
 def check(config: dict[str, Any]) -> None:
@@ -90,7 +91,7 @@ def check(config: dict[str, Any]) -> None:
         if isinstance(value, int | float) and not low <= value <= high:
             bound = f"at least {low}" if value < low else f"at most {high}"
             raise ConfigError(f"{setting.name}={value:g}: must be {bound}")
-    for name in ("results_dir", "report_dir"):
+    for name in ("results_dir", "report_dir", "verify_dir"):
         if not config[name].strip():
             raise ConfigError(f"{name}: must name a folder")
     _check_finite(config, "")

@@ -13,7 +13,7 @@ def provenance(founds: Sequence[Found]) -> list[tuple[str, str]]:
     versions = [source.get("versions") or {} for source in sources]
     packages = sorted({name for one in versions for name in one})
     return [
-        ("commit", _all(_commit(source) for source in sources)),
+        ("commit", _all(commit(source) for source in sources)),
         ("versions", ", ".join(f"{name} {_all(one.get(name) for one in versions)}" for name in packages)),
         ("machine", _all(f"{source.get('processor')}, {source.get('platform')}" for source in sources)),
         ("seeds", _all(found.labels["seed"] for found in founds)),
@@ -29,7 +29,7 @@ def warnings(founds: Sequence[Found]) -> list[str]:
     sources = [source for found in founds for source in found.sources]
     lines = []
     for what, values in (
-        ("commits", {_commit(source) for source in sources}),
+        ("commits", {commit(source) for source in sources}),
         ("versions of jaxlib", {(source.get("versions") or {}).get("jaxlib") for source in sources}),
         ("algorithm versions", {source.get("algorithm") for source in sources}),
     ):
@@ -53,11 +53,12 @@ def warnings(founds: Sequence[Found]) -> list[str]:
     return lines
 
 
-def _commit(source: dict[str, Any]) -> str:
-    commit = source.get("commit")
-    if commit is None:
+def commit(source: dict[str, Any]) -> str:
+    """The commit that made something, or the installed version."""
+    head = source.get("commit")
+    if head is None:
         return f"installed package {(source.get('versions') or {}).get('mppi-belief', 'of unknown version')}"
-    return f"{commit}{' with changes' if source.get('dirty') else ''}"
+    return f"{head}{' with changes' if source.get('dirty') else ''}"
 
 
 def _all(values: Iterable[Any]) -> str:

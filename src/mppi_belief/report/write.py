@@ -4,7 +4,10 @@ import shlex
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from ..certificate import NAMES
+from ..study.certificates import Stored, load
 from ..study.plan import Cell
+from . import theory
 from .cells import Found, find
 from .comparison import table_1
 from .files import write_text
@@ -21,18 +24,21 @@ LEAD = (
 )
 
 
-def report(studies: dict[str, list[Cell]], folder: Path, overrides: Sequence[str]) -> bool:
-    """Read the results of some studies' cells, write the report into `folder` and say on the terminal what it
-    holds and what is missing; whether everything was there."""
+def report(studies: dict[str, list[Cell]], verify_dir: Path | None, folder: Path, overrides: Sequence[str]) -> bool:
+    """Read the results of some studies' cells and, from `verify_dir`, the certificates, write the report into `folder`
+    and say on the terminal what it holds and what is missing; whether everything was there."""
     complaints: dict[str, None] = {}  # cells that two studies share complain once
     found = {
         name: [_find(cell, complaints.setdefault) for cell in {cell.id: cell for cell in cells}.values()]
         for name, cells in studies.items()
     }
-    page = write_report(found, folder, list(complaints))
+    certificates = [] if verify_dir is None else load(verify_dir)
+    page = write_report(found, certificates, folder, list(complaints))
     if any(len(one.good) for one in found.get("table_1", [])):
         print(table_1(found["table_1"]).to_string(index=False))
     lines = missing_lines(found, overrides)
+    if verify_dir is not None and len(certificates) < len(NAMES):
+        lines.append(f"missing: {len(NAMES) - len(certificates)} of {len(NAMES)} certificates; mppi-belief verify")
     for line in [*complaints, *lines]:
         print(line)
     print(f"report: {page}")
@@ -43,11 +49,12 @@ def _find(cell: Cell, warn: Callable[[str], object]) -> Found:
     return find(cell, Path(cell.config["results_dir"]), cell.config["n_trials"], warn)
 
 
-def write_report(studies: Studies, folder: Path, complaints: Sequence[str]) -> Path:
+def write_report(studies: Studies, certificates: Sequence[Stored], folder: Path, complaints: Sequence[str]) -> Path:
     """Write everything into `folder` and return the page's path; `complaints` are shown as warnings."""
     folder.mkdir(parents=True, exist_ok=True)
     founds: list[Found] = list({one.cell.id: one for founds in studies.values() for one in founds}.values())
-    page = Page(TITLE, LEAD, [*warnings(founds), *complaints], sections(studies, folder), provenance(founds))
+    shown = [*sections(studies, folder), *theory.sections(certificates, folder)]
+    page = Page(TITLE, LEAD, [*warnings(founds), *complaints], shown, provenance(founds))
     write_text(folder / PAGE, render(page, folder))
     return folder / PAGE
 

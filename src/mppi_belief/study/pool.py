@@ -106,7 +106,7 @@ class Pool:
             if self._executor is None:
                 context = multiprocessing.get_context("spawn")
                 start = (self._import_paths,)
-                self._executor = ProcessPoolExecutor(self._workers, context, initializer=_start_worker, initargs=start)
+                self._executor = ProcessPoolExecutor(self._workers, context, initializer=start_worker, initargs=start)
             try:
                 return self._executor.submit(function, *args)
             except BrokenProcessPool as error:
@@ -142,7 +142,7 @@ class Pool:
         yield culprit, Lost("crashed", f"the worker process died {STRIKES} times in this trial")
 
 
-def _start_worker(import_paths: list[str]) -> None:
+def start_worker(import_paths: list[str]) -> None:
     """Leave signals to the parent, and die with it."""
     for number in STOPPING:
         signal.signal(number, signal.SIG_IGN)

@@ -4,6 +4,7 @@ from .animation import animate
 from .diagnostics import ess_figure, residual_figure
 from .style import BLUE, GREEN, INK, ORANGE, look, save, save_both
 from .sweeps import figure_2, theta_figure
+from .theory import certificate_figure
 from .trajectories import NAME, Run, compare, figure_1, trajectories
 
 __all__ = [
@@ -14,6 +15,7 @@ __all__ = [
     "ORANGE",
     "Run",
     "animate",
+    "certificate_figure",
     "compare",
     "ess_figure",
     "figure_1",

@@ -1,0 +1,58 @@
+"""The curves of a certificate, as it describes them: nothing here knows what they mean."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import matplotlib as mpl
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from ...certificate import Line, Panel
+from .style import BLUE, COLUMN, GREEN, GREY, INK, ORANGE, STYLE
+
+COLOURS = (BLUE, "#E69F00", GREEN, "#CC79A7", "#56B4E9", INK, ORANGE, GREY)
+LOOKS: dict[str, Any] = {
+    "line": {"ls": "-"},
+    "dashed": {"ls": "--", "color": GREY, "lw": 0.9},
+    "points": {"ls": "none", "marker": "o", "ms": 3.2},
+}
+
+
+def certificate_figure(panels: Sequence[Panel]) -> Figure | None:
+    """The panels of a certificate side by side, at most two in a row; None without any."""
+    if not panels:
+        return None
+    columns = min(len(panels), 2)
+    rows = -(-len(panels) // columns)
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(columns * COLUMN * 0.95, rows * 2.4), layout="constrained")
+        axes = figure.subplots(rows, columns, squeeze=False).ravel()
+        for at, panel in zip(axes, panels, strict=False):
+            _draw(at, panel)
+        for left in axes[len(panels) :]:
+            left.remove()
+        return figure
+
+
+def _draw(axes: Axes, panel: Panel) -> None:
+    for index, line in enumerate(panel.lines):
+        _curve(axes, line, COLOURS[index % len(COLOURS)])
+    axes.set(title=panel.title, xlabel=panel.x, ylabel=panel.y)
+    if "x" in panel.log:
+        axes.set_xscale("log")
+    if "y" in panel.log:
+        axes.set_yscale("log")
+    if any(line.label for line in panel.lines):
+        axes.legend(frameon=False)
+
+
+def _curve(axes: Axes, line: Line, colour: str) -> None:
+    """One curve; an interval is a bar at a point and a band around a line."""
+    look = {"color": colour, **LOOKS[line.look]}
+    axes.plot(line.x, line.y, label=line.label, **look)
+    if line.low is None or line.high is None:
+        return
+    if line.look == "points":
+        axes.vlines(line.x, line.low, line.high, color=look["color"], lw=0.9)
+    else:
+        axes.fill_between(line.x, line.low, line.high, color=look["color"], alpha=0.18, lw=0)
