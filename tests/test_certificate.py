@@ -51,6 +51,7 @@ def test_bands_as_text():
     assert at_most("x", 0, 1e-12, "").band == "≤ 1e-12"
     assert at_least("x", 0, 0.25, "").band == "≥ 0.25"
     assert near("x", 0, 2.0, 0.015, "").band == "[1.985, 2.015]"
+    assert near("x", 0, 0.8, 7e-13, "").band == "0.8 ± 7e-13"
 
 
 def test_rounding_is_a_number_of_operations_on_numbers_of_a_size():
@@ -94,6 +95,12 @@ def test_the_order_of_a_scheme_is_seen_through_its_next_term(p, c, size):
 def test_a_sequence_that_does_not_converge_has_no_order():
     assert not order("x", 1.0, [1.0, 0.9, 0.85, 0.8]).holds
     assert not order("x", 2.0, [1.0, 0.5, 0.25, 0.125]).holds
+
+
+@given(st.floats(0.8, 3), st.floats(1e-4, 0.1))
+def test_an_error_that_stalls_on_another_limit_has_no_order(p, limit):
+    h = 0.5 ** np.arange(1, 6)
+    assert not order("x", p, h**p + limit * h[-1] ** p).holds
 
 
 def test_a_certificate_holds_if_all_its_checks_do():

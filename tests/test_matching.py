@@ -11,7 +11,7 @@ from scipy.linalg import solve_continuous_are, solve_discrete_are
 
 from helpers import float64, light_dark_problem, quick_jit, random_spd
 from mppi_belief.belief import gain_schedule, prior
-from mppi_belief.matching import best_weight, matched_weight, residual
+from mppi_belief.matching import best_constant_weight, best_weight, matched_weight, optimality_gap, residual
 
 NX, NU = 4, 2
 best = quick_jit(best_weight)
@@ -115,3 +115,79 @@ def test_a_vehicle_that_rests_in_the_light_comes_to_the_steady_states_residual(c
         expected = math.sqrt(1 - np.sum(moved[2:, 2:] ** 2) / np.sum(moved**2))
         assert expected == pytest.approx(0.57, abs=0.01)
     assert epsilon(D, G, best(D, G)) == pytest.approx(expected, rel=1e-5)
+
+
+def schedule(rng: np.random.Generator, steps: int, nx: int, nu: int, rank: int) -> tuple[np.ndarray, np.ndarray]:
+    """Diffusions and control channels that change with time."""
+    factors = rng.normal(size=(steps, nx, rank))
+    return factors @ factors.transpose(0, 2, 1), rng.normal(size=(steps, nx, nu))
+
+
+def total(D: np.ndarray, G: np.ndarray, W: np.ndarray) -> float:
+    apart = np.sum((D - G @ W @ G.transpose(0, 2, 1)) ** 2, axis=(1, 2))
+    return float(np.sum(apart / np.sum(D**2, axis=(1, 2))))
+
+
+@settings(max_examples=25, deadline=None)
+@given(SEEDS, st.integers(1, 12), st.integers(1, 4), st.integers(1, 3))
+def test_no_other_constant_weight_comes_nearer(seed, steps, nx, nu):
+    rng = np.random.default_rng(seed)
+    D, G = schedule(rng, steps, nx, nu, rank=1)
+    found = best_constant_weight(D, G)
+    assert np.linalg.eigvalsh(found.weight).min() >= -1e-12 * np.abs(found.weight).max()
+    assert found.value == pytest.approx(total(D, G, found.weight), abs=1e-9)
+    assert found.gap == pytest.approx(optimality_gap(D, G, found.weight), abs=1e-9)
+    for size in (1e-4, 1e-2, 1.0):
+        values, vectors = np.linalg.eigh(found.weight)
+        factor = vectors * np.sqrt(np.maximum(values, 0)) + size * rng.normal(size=(nu, nu))
+        other = factor @ factor.T
+        # the bound holds for every weight, and is not below what the best one is better by
+        assert total(D, G, other) >= found.value - found.gap - 1e-12 * steps
+        assert optimality_gap(D, G, other) >= total(D, G, other) - found.value - 1e-9 * steps
+
+
+def test_the_constant_weight_of_a_turning_control_is_the_one_by_hand():
+    """D = 1, 10, 1 at 0, 45, 90 degrees: W = a [1 1; 1 1], 4 (a - 1) + 0.4 (0.2 a - 1) = 0; without W >= 0 it is
+    [1 9; 9 1], which leaves nothing."""
+    push = np.array([[1.0, 0.0], [0.5**0.5, 0.5**0.5], [0.0, 1.0]])[:, None, :]
+    D = np.array([1.0, 10.0, 1.0])[:, None, None]
+    found = best_constant_weight(D, push)
+    np.testing.assert_allclose(found.weight, 55 / 51, rtol=1e-6)
+    assert found.value == pytest.approx(32 / 51, abs=found.gap + 1e-14)
+    assert total(D, push, np.array([[1.0, 9.0], [9.0, 1.0]])) < 1e-25
+
+
+def test_one_step_has_the_best_weight_as_its_constant_one(rng, x64):
+    D = random_spd(rng, NX)
+    found = best_constant_weight(D[None], G[None])
+    np.testing.assert_allclose(found.weight, best(D, G), rtol=1e-5)
+    assert found.value == pytest.approx(float(epsilon(D, G, best(D, G))) ** 2, abs=1e-11)
+    assert optimality_gap(D[None], G[None], best(D, G)) < 1e-13
+
+
+def test_steps_without_diffusion_are_left_out(rng):
+    D, channels = schedule(rng, 5, NX, NU, rank=2)
+    D[[0, 3]] = 0
+    found, without = best_constant_weight(D, channels), best_constant_weight(D[[1, 2, 4]], channels[[1, 2, 4]])
+    np.testing.assert_array_equal(found.weight, without.weight)
+    assert (found.value, found.steps) == (without.value, 3)
+    with pytest.raises(ValueError, match="every D_k is zero"):
+        best_constant_weight(0 * D, channels)
+
+
+def test_controls_that_reach_nothing_get_no_weight(rng):
+    D, channels = schedule(rng, 4, NX, NU, rank=2)
+    found = best_constant_weight(D, 0 * channels)
+    np.testing.assert_array_equal(found.weight, np.zeros((NU, NU)))
+    assert found.value == pytest.approx(4)
+    channels[..., 1] = channels[..., 0]  # two controls that do the same
+    twice = best_constant_weight(D, channels)
+    once = best_constant_weight(D, channels[..., :1])
+    assert twice.value == pytest.approx(once.value, abs=1e-9)
+
+
+def test_an_unfinished_search_says_how_far_it_may_be():
+    push = np.array([[1.0, 0.0], [0.5**0.5, 0.5**0.5], [0.0, 1.0]])[:, None, :]
+    early = best_constant_weight(np.array([1.0, 10.0, 1.0])[:, None, None], push, iterations=2)
+    assert early.gap > 1e-6
+    assert 0 < early.value - 32 / 51 <= early.gap

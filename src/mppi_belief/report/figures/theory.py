@@ -1,16 +1,21 @@
 """The curves of a certificate, as it describes them: nothing here knows what they mean."""
 
+import math
 from collections.abc import Sequence
+from textwrap import fill
 from typing import Any
 
 import matplotlib as mpl
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from ...certificate import Line, Panel
 from .style import BLUE, COLUMN, GREEN, GREY, INK, ORANGE, STYLE
 
 COLOURS = (BLUE, "#E69F00", GREEN, "#CC79A7", "#56B4E9", INK, ORANGE, GREY)
+TITLE_WIDTH, LABEL_WIDTH = 52, 40  # characters that fit
 LOOKS: dict[str, Any] = {
     "line": {"ls": "-"},
     "dashed": {"ls": "--", "color": GREY, "lw": 0.9},
@@ -37,13 +42,24 @@ def certificate_figure(panels: Sequence[Panel]) -> Figure | None:
 def _draw(axes: Axes, panel: Panel) -> None:
     for index, line in enumerate(panel.lines):
         _curve(axes, line, COLOURS[index % len(COLOURS)])
-    axes.set(title=panel.title, xlabel=panel.x, ylabel=panel.y)
+    axes.set(title=fill(panel.title, TITLE_WIDTH), xlabel=fill(panel.x, LABEL_WIDTH), ylabel=fill(panel.y, LABEL_WIDTH))
     if "x" in panel.log:
         axes.set_xscale("log")
+        _decades(axes.xaxis, axes.get_xlim())
     if "y" in panel.log:
         axes.set_yscale("log")
+        _decades(axes.yaxis, axes.get_ylim())
     if any(line.label for line in panel.lines):
         axes.legend(frameon=False)
+
+
+def _decades(axis: Axis, limits: tuple[float, float]) -> None:
+    """Labels at powers of ten or, where fewer than two are in sight, at 1, 2 and 5 of each."""
+    low, high = (math.log10(limit) for limit in limits)
+    axis.set_minor_formatter(NullFormatter())
+    if math.floor(high) - math.ceil(low) < 1:
+        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
 
 
 def _curve(axes: Axes, line: Line, colour: str) -> None:

@@ -1,0 +1,160 @@
+"""The certificate of (5)(6): it holds, and each of its parts fails where the statement is broken."""
+
+from collections.abc import Callable
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import mppi_belief as mb
+import reference
+from helpers import float64, quick_jit
+from mppi_belief.certificate import Certificate, Check
+from mppi_belief.verify import belief_dynamics as dynamics
+from mppi_belief.verify import kushner
+from mppi_belief.verify.kushner import Moments
+from mppi_belief.verify.scalar_paths import HELD, controls_of, filtered
+
+
+@pytest.fixture
+def quick(x64, monkeypatch) -> None:
+    """Double precision, and little spent on compiling."""
+    monkeypatch.setattr(jax, "jit", quick_jit)
+
+
+@pytest.fixture(scope="module")
+def certificate() -> Certificate:
+    with float64():
+        return dynamics.certify()
+
+
+def test_it_holds(certificate):
+    assert certificate.holds, [check for check in certificate.checks if not check.holds]
+    assert all(len(check.computed) <= 90 and len(check.derived) <= 80 for check in certificate.checks)
+    assert all(np.all(np.isfinite(line.y)) for panel in certificate.panels for line in panel.lines)
+
+
+def test_the_extended_kalman_filter_errs_more_the_more_the_measurement_is_curved(certificate):
+    mean, std, *particles = certificate.panels[0].lines
+    assert np.all(np.diff(mean.y) > 0)
+    assert np.all(np.diff(std.y) > 0)
+    assert max(max(line.y) for line in particles) < mean.y[-1]
+
+
+def uncentred(on, p, c, R_o):
+    return p * c / R_o
+
+
+def unnormalised_gain(on, p, c, R_o):
+    return 2 * kushner_channel(on, p, c, R_o)
+
+
+kushner_channel, kushner_observe = kushner.diffusion_channel, kushner.observe
+
+
+def not_ito(on, p, c, R_o, dy, dt):
+    """Without the correction -c^2 dt / 2 R_o."""
+    return kushner_observe(on, p, c, R_o, dy, 0.0)
+
+
+@pytest.mark.parametrize("broken", [uncentred, unnormalised_gain])
+def test_a_diffusion_channel_that_is_not_6b_is_seen(broken, monkeypatch, quick):
+    monkeypatch.setattr(kushner, "diffusion_channel", broken)
+    assert not dynamics.channel_check().holds
+    assert not dynamics.step_orders()[1].holds
+
+
+def test_a_control_that_does_not_act_through_its_divergence_is_seen(monkeypatch, quick):
+    generator = kushner.generator
+    monkeypatch.setattr(kushner, "generator", lambda on, model, u: generator(on, model, 0.0))
+    assert not dynamics.channel_check().holds
+    assert not dynamics.space_orders()[0].holds
+
+
+def test_bayes_rule_without_its_ito_term_is_seen(monkeypatch, quick):
+    monkeypatch.setattr(kushner, "observe", not_ito)
+    assert not dynamics.step_orders()[0].holds
+    assert not any(check.holds for check in dynamics.space_orders())
+
+
+def test_another_gain_than_kalman_bucys_is_seen(monkeypatch, quick):
+    exact = dynamics.kalman_bucy_path
+    wrong = {"mean": 1.02, "variance": 1.02}
+
+    def scaled(problem: mb.Problem, dy: np.ndarray) -> Moments:
+        found = exact(problem, dy)
+        return Moments(found.mean * wrong["mean"], found.variance * wrong["variance"])
+
+    for name, number in (("LINEAR_PATHS", 16), ("FINE", 1024), ("kalman_bucy_path", scaled)):
+        monkeypatch.setattr(dynamics, name, number)
+    assert not any(check.holds for check in dynamics.time_orders(0))
+
+
+def test_the_kalman_bucy_path_is_an_integrators(quick):
+    """Increments that arrive evenly within each step make it an ordinary differential equation."""
+    dy = np.random.default_rng(0).normal(size=(HELD, 2)) * 0.2
+    errors = []
+    for finer in (8, 16):
+        problem = dynamics.linear(dynamics.A, 2.0, HELD * finer)
+        found = dynamics.kalman_bucy_path(problem, np.repeat(dy, finer, axis=0) / finer)
+        errors.append(np.abs(found.mean[-1] - integrated(dy, 2.0 / HELD)).max())
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(2, abs=0.1)
+
+
+def integrated(dy: np.ndarray, dt: float) -> np.ndarray:
+    A, B, C, R_o = dynamics.A, dynamics.B, dynamics.C, dynamics.SIGMA_O**2
+    state = np.array([dynamics.PRIOR_MEAN, dynamics.PRIOR_MEAN, dynamics.PRIOR_STD**2])
+    for u, increment in zip(controls_of(HELD), dy, strict=True):
+
+        def rate(_: float, s: np.ndarray, u: float = u, increment: np.ndarray = increment) -> np.ndarray:
+            K = s[2] * C / R_o
+            means = A * s[:2] + B * u + K * (increment / dt - C * s[:2])
+            return np.append(means, 2 * A * s[2] + dynamics.SIGMA_W**2 - K**2 * R_o)
+
+        state = reference._integrate(rate, state, dt)
+    return state[:2]
+
+
+CURVED = np.array(dynamics.CURVATURES)[:, None, None]
+SHAPE = (len(CURVED), dynamics.PATHS, dynamics.STEPS + 1)
+
+
+def made_up(error: Callable[[np.ndarray], np.ndarray]) -> list[Check]:
+    """The checks of an extended Kalman filter whose mean and variance err by `error` of kappa."""
+    exact = Moments(np.zeros(SHAPE), np.ones(SHAPE))
+    found = Moments(*(part + error(CURVED) * np.ones(SHAPE) for part in exact))
+    return dynamics.ekf_checks(found, exact, Moments(*np.full((2, *SHAPE), 1e-5)))
+
+
+def test_another_order_in_the_curvature_is_seen():
+    assert all(check.holds for check in made_up(lambda kappa: 0.1 * kappa * (1 - kappa)))
+    assert [check.holds for check in made_up(lambda kappa: 0.1 * kappa**2)] == [False, False, True]
+    assert [check.holds for check in made_up(lambda kappa: 1e-7 * kappa)] == [True, True, False]
+
+
+def test_a_particle_filter_that_is_off_is_seen():
+    rng, exact = np.random.default_rng(0), Moments(np.zeros(SHAPE), np.ones(SHAPE))
+    own = Moments(*np.full((2, *SHAPE), 1e-5))
+    for bias, holds in ((0.0, True), (0.1, False)):
+        noise = rng.normal(size=(2, len(dynamics.SAMPLED), *SHAPE[1:])) * 0.03
+        sampled = Moments(noise[0] + bias, 1 + noise[1])
+        assert dynamics.particle_check(sampled, exact, own).holds == holds
+
+
+def test_the_extended_kalman_filter_is_the_plain_one_on_a_curved_measurement(x64):
+    problem, y = dynamics.curved(0.8), 0.5 + np.sin(np.arange(dynamics.STEPS))[:, None]
+    mean, variance = quick_jit(lambda y: filtered(problem, mb.EKF(), y, jnp.zeros(2, jnp.uint32)))(jnp.asarray(y))
+    at, cov, dt = np.array([dynamics.PRIOR_MEAN]), np.array([[dynamics.PRIOR_STD**2]]), problem.dt
+    noise = np.array([[0.3**2 / dt]])
+    for k, u in enumerate(controls_of(dynamics.STEPS)):
+        at, cov = reference.kalman_step(
+            at,
+            cov,
+            y[k],
+            lambda x, u=u: x + u * dt,
+            lambda x: x + 0.4 * x**2,
+            np.array([[0.5**2 * dt]]),
+            lambda x: noise,
+        )
+        np.testing.assert_allclose([mean[k + 1], variance[k + 1]], [at[0], cov[0, 0]], rtol=1e-8)
