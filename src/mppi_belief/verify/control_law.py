@@ -214,7 +214,7 @@ def _panels(
     reach = quantile(len(MEANS), KEYS - 1) * sampled.error
     lengths = [terms.duration / H for H in STEPS]
     order_one = [distances[-1] * dt / lengths[-1] for dt in lengths]
-    law = found.rms[-1] * np.sqrt(SIZES[-1] / SIZES)
+    law = found.rms / np.sqrt(found.squared)
     points = Line(
         f"(19) by MPPI-Belief, Δt = {lengths[0]:g}",
         MEANS.tolist(),
@@ -248,11 +248,11 @@ def _panels(
         ),
         Panel(
             "Error in the number of samples",
-            "N",
+            "number of samples N",
             f"RMS error of (19) at μ = {RATE_MEAN:g}",
             [
                 Line("found", SIZES.tolist(), found.rms.tolist(), "points"),
-                Line("∝ 1/√N", SIZES.tolist(), law.tolist(), "dashed"),
+                Line("its standard error to leading order", SIZES.tolist(), law.tolist(), "dashed"),
             ],
             "xy",
         ),

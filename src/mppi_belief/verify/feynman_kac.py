@@ -218,7 +218,7 @@ def _panels(terms: pde.Equation, points: Points, found: Rate) -> list[Panel]:
     psi = pde.desirability(terms, on)[0, inside]
     reach = quantile(points.z.size, BATCHES - 1) * points.error[0]
     sampled = points.sampled[0]
-    law = found.rms[-1] * np.sqrt(SIZES[-1] / SIZES)
+    law = found.mean_error * np.sqrt(BATCHES * SIZES.sum() / SIZES)
     return [
         Panel(
             "Desirability at t = 0",
@@ -249,7 +249,7 @@ def _panels(terms: pde.Equation, points: Points, found: Rate) -> list[Panel]:
                     (found.rms * (1 - 2 * found.relative)).tolist(),
                     (found.rms * (1 + 2 * found.relative)).tolist(),
                 ),
-                Line("∝ 1/√N", SIZES.tolist(), law.tolist(), "dashed"),
+                Line("its exact standard error", SIZES.tolist(), law.tolist(), "dashed"),
             ],
             "xy",
         ),
