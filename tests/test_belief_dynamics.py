@@ -130,7 +130,7 @@ def made_up(error: Callable[[np.ndarray], np.ndarray]) -> list[Check]:
 def test_another_order_in_the_curvature_is_seen():
     assert all(check.holds for check in made_up(lambda kappa: 0.1 * kappa * (1 - kappa)))
     assert [check.holds for check in made_up(lambda kappa: 0.1 * kappa**2)] == [False, False, True]
-    assert [check.holds for check in made_up(lambda kappa: 1e-7 * kappa)] == [True, True, False]
+    assert [check.holds for check in made_up(lambda kappa: 1e-7 * kappa * (1 - kappa))] == [True, True, False]
 
 
 def test_a_particle_filter_that_is_off_is_seen():

@@ -15,7 +15,8 @@ from ...certificate import Line, Panel
 from .style import BLUE, COLUMN, GREEN, GREY, INK, ORANGE, STYLE
 
 COLOURS = (BLUE, "#E69F00", GREEN, "#CC79A7", "#56B4E9", INK, ORANGE, GREY)
-TITLE_WIDTH, LABEL_WIDTH = 52, 40  # characters that fit
+TITLE_WIDTH, LABEL_WIDTH = 52, 34  # characters that fit
+MOST_INSIDE = 4  # labels that leave room for curves
 LOOKS: dict[str, Any] = {
     "line": {"ls": "-"},
     "dashed": {"ls": "--", "color": GREY, "lw": 0.9},
@@ -29,8 +30,9 @@ def certificate_figure(panels: Sequence[Panel]) -> Figure | None:
         return None
     columns = min(len(panels), 2)
     rows = -(-len(panels) // columns)
+    height = 2.9 if any(_is_crowded(panel) for panel in panels) else 2.4  # inches
     with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(columns * COLUMN * 0.95, rows * 2.4), layout="constrained")
+        figure = Figure(figsize=(columns * COLUMN * 0.95, rows * height), layout="constrained")
         axes = figure.subplots(rows, columns, squeeze=False).ravel()
         for at, panel in zip(axes, panels, strict=False):
             _draw(at, panel)
@@ -40,8 +42,9 @@ def certificate_figure(panels: Sequence[Panel]) -> Figure | None:
 
 
 def _draw(axes: Axes, panel: Panel) -> None:
+    dashed = [line for line in panel.lines if line.look == "dashed"]
     for index, line in enumerate(panel.lines):
-        _curve(axes, line, COLOURS[index % len(COLOURS)])
+        _curve(axes, line, COLOURS[index % len(COLOURS)], second=line in dashed[1:])
     axes.set(title=fill(panel.title, TITLE_WIDTH), xlabel=fill(panel.x, LABEL_WIDTH), ylabel=fill(panel.y, LABEL_WIDTH))
     if "x" in panel.log:
         axes.set_xscale("log")
@@ -49,8 +52,15 @@ def _draw(axes: Axes, panel: Panel) -> None:
     if "y" in panel.log:
         axes.set_yscale("log")
         _decades(axes.yaxis, axes.get_ylim())
-    if any(line.label for line in panel.lines):
+    if _is_crowded(panel):
+        axes.legend(frameon=False, loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=2)
+    elif any(line.label for line in panel.lines):
         axes.legend(frameon=False)
+
+
+def _is_crowded(panel: Panel) -> bool:
+    """Whether the legend has to go below."""
+    return sum(bool(line.label) for line in panel.lines) > MOST_INSIDE
 
 
 def _decades(axis: Axis, limits: tuple[float, float]) -> None:
@@ -62,9 +72,9 @@ def _decades(axis: Axis, limits: tuple[float, float]) -> None:
         axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
 
 
-def _curve(axes: Axes, line: Line, colour: str) -> None:
-    """One curve; an interval is a bar at a point and a band around a line."""
-    look = {"color": colour, **LOOKS[line.look]}
+def _curve(axes: Axes, line: Line, colour: str, second: bool) -> None:
+    """One curve, dotted if it is a `second` dashed one; an interval is a bar at a point and a band around a line."""
+    look = {"color": colour, **LOOKS[line.look]} | ({"ls": ":"} if second else {})
     axes.plot(line.x, line.y, label=line.label, **look)
     if line.low is None or line.high is None:
         return
