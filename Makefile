@@ -2,6 +2,7 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
 ARGS ?=
+TEST_WORKERS ?= 2
 
 .DEFAULT_GOAL := help
 .PHONY: help install run report verify calibration test test-solver check lint types layers format bench picture clean
@@ -37,7 +38,7 @@ calibration: install  ## search the numbers the paper leaves open, half an hour 
 	$(BIN)/python experiments/calibration/search.py $(ARGS)
 
 test: install  ## the test suite
-	$(BIN)/python -m pytest $(ARGS)
+	OMP_NUM_THREADS=1 NPROC=1 $(BIN)/python -m pytest -n $(TEST_WORKERS) --dist loadfile $(ARGS)
 
 test-solver:  ## the trajectory optimiser against Crocoddyl (1 GB, in an environment of its own)
 	$(PYTHON) -m venv $(VENV)-solver

@@ -51,6 +51,7 @@ def test_bands_as_text():
     assert at_most("x", 0, 1e-12, "").band == "≤ 1e-12"
     assert at_least("x", 0, 0.25, "").band == "≥ 0.25"
     assert near("x", 0, 2.0, 0.015, "").band == "[1.985, 2.015]"
+    assert near("x", 0, 1.0, 0.0, "").band == "= 1"
     assert near("x", 0, 0.8, 7e-13, "").band == "0.8 ± 7e-13"
 
 

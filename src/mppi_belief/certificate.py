@@ -5,8 +5,8 @@ A band is derived, never tuned. Three sources are written here once:
 * rounding: a number of operations times the machine epsilon times the size of what is rounded;
 * Monte Carlo: a quantile of Student's t for a chance of `FALSE_ALARM` that a true statement fails the check,
   shared among the points that the check looks at;
-* discretisation: errors e(h) = C h^p (1 + c h + ...) have the observed order p + O(h), so refining brings it
-  nearer to p, and by no less than what is left: the last change bounds what is missing.
+* discretisation: errors e(h) = C h^p (1 + c h + ...) have the observed order p + O(h): halving h brings it nearer to
+  p by about as much as is then left, so it must lie within twice its last change, and nearer than before.
 """
 
 import math
@@ -54,6 +54,8 @@ class Check(NamedTuple):
         if math.isinf(self.high):
             return f"≥ {self.low:.3g}"
         middle, half = (self.low + self.high) / 2, (self.high - self.low) / 2
+        if half == 0:
+            return f"= {middle:.6g}"
         if half < 1e-4 * abs(middle):
             return f"{middle:.6g} ± {half:.1g}"
         return f"[{self.low:.5g}, {self.high:.5g}]"
@@ -146,12 +148,13 @@ def observed_orders(errors: Sequence[float], ratio: float = 2.0) -> np.ndarray:
 def order(computed: str, expected: float, errors: Sequence[float], ratio: float = 2.0) -> Check:
     """The order seen on the two finest grids against the scheme's; needs errors on three grids or more.
 
-    It must be no farther from `expected` than twice its last change, and not than the order seen before it: an error
+    It must be no farther from `expected` than twice its last change, nor than the order on the coarser pair: an error
     that stalls on another limit has orders that drift away.
     """
     orders = observed_orders(errors, ratio)
     tolerance = min(2 * abs(orders[-1] - orders[-2]), abs(orders[-2] - expected)) + 16 * EPSILON
-    return near(computed, orders[-1], expected, tolerance, "order of the scheme: its last change, and no farther off")
+    derived = "order of the scheme: twice its last change, and nearer than before"
+    return near(computed, orders[-1], expected, tolerance, derived)
 
 
 def as_dict(certificate: Certificate) -> dict[str, Any]:

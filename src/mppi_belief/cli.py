@@ -160,8 +160,8 @@ def _what_holds(config: dict[str, Any], args: Sequence[str], command: list[str])
     sys.path[:0] = [str(Path(folder).resolve()) for folder in parse(args)[2]]
     check(config)
     began = time.perf_counter()
-    temperature, theta, name = config["planner"]["temperature"], config["theta"], config["names"]["system"]
-    made = what_holds(*build(config), temperature, theta, config["seed"], name)
+    temperature, name = config["planner"]["temperature"], config["names"]["system"]
+    made = what_holds(*build(config), temperature, config["seed"], name)
     folder = Path(config["verify_dir"]) / "systems"
     store(folder, Stored(made, time.perf_counter() - began, provenance(command) | {"seed": config["seed"]}))
     show_system(made, folder)

@@ -13,16 +13,22 @@ import numpy as np
 from jax import Array
 
 from ..belief import GainSchedule, gain_schedule, prior
-from ..certificate import EPSILON, Certificate, Check, at_least, at_most, rounding
+from ..certificate import EPSILON, Certificate, Check, at_most, near, rounding
 from ..linalg import psd_factor
-from ..matching import best_weight, matched_weight, residual
+from ..matching import best_constant_weight, best_weight, matched_weight, numerical_rank, residual
 from ..problem import Controller, Filter, Problem
+from ..settings import ConfigError
 from ..simulate import simulate_trial
 from ..tangent import gaussian_nodes, outside_mean_tangent
 
 PLACES = 8  # means along the trial at which functions are examined
 PRODUCTS = 100  # of a step of the Riccati flow: its exponential, the doublings, two solves in each
 FLAT = 1e-3  # spread of a state that neither the prior nor the trial moves
+ONE_WEIGHT = 1e-6  # root of the duality gap a step at which the search for one weight ends
+EXACT = (
+    "As far as the trial's belief reaches, it is exactly Gaussian and its covariance known in advance (Proposition 2)."
+)
+APPROXIMATE = "The belief is Gaussian in approximation only, as linearised along the mean (Remark 3)."
 TRUST = 1.0  # the third-order term of an expansion should be less than the second-order one
 
 
@@ -34,25 +40,29 @@ class _Path(NamedTuple):
 
 
 def what_holds(
-    problem: Problem, filter: Filter, controller: Controller, temperature: float, theta: float, seed: int, name: str
+    problem: Problem, filter: Filter, controller: Controller, temperature: float, seed: int, name: str
 ) -> Certificate:
     """The conditions of each statement for `problem`, along the belief of trial 0 of `controller`, in double precision.
 
-    `temperature` is lambda of (15), `theta` that of Remark 4. A check that does not hold is no error: the statement
-    does not apply, and what is planned is an approximation.
+    lambda of (15) is the controller's temperature or, if it has none, `temperature`; theta and the risk of Remark 4 are
+    the controller's. A check that does not hold is no error: the statement does not apply, and what is planned is an
+    approximation. Raises `ConfigError` if the trial diverges.
     """
     with jax.enable_x64(True):
         path = _follow(problem, filter, controller, seed)
         exact = [*_affine(problem, path), _independence(problem, path)]
-        matched = _matched(problem, path, temperature)
-        checks = [*exact, *matched, _expansion(problem, path, theta)]
+        matched, matching = _matched(problem, path, float(getattr(controller, "temperature", temperature)))
+        checks = [*exact, *matched, *_expansion(problem, path, controller)]
+    gaussian = all(check.holds for check in exact)
     title = f"What holds for system={name}, along the belief of trial 0"
-    return Certificate(name, title, _reading(exact, matched), checks)
+    return Certificate(name, title, f"{EXACT if gaussian else APPROXIMATE} {matching}", checks)
 
 
 def _follow(problem: Problem, filter: Filter, controller: Controller, seed: int) -> _Path:
     trial = jax.jit(simulate_trial)(problem, filter, controller, seed, 0)
     means = trial.beliefs.mean
+    if not (jnp.all(jnp.isfinite(means)) and jnp.all(jnp.isfinite(trial.controls))):
+        raise ConfigError("verify: trial 0 of this system and controller diverges; nothing can be said along it")
     return _Path(_along(problem, trial.controls, means), trial.controls)
 
 
@@ -120,9 +130,9 @@ def _independence(problem: Problem, path: _Path) -> Check:
     size = 1.0 + jnp.max(jnp.abs(u), axis=0)
     pushes = jnp.stack([jnp.zeros_like(u), jnp.broadcast_to(size, u.shape), jnp.broadcast_to(-size, u.shape)])
     covs = _covariances(problem, pushes)
-    change = jnp.max(jnp.abs(covs - covs[0])) / jnp.max(jnp.abs(covs[0]))
+    largest, change = float(jnp.max(jnp.abs(covs[0]))), float(jnp.max(jnp.abs(covs - covs[0])))
     computed = "Proposition 2: relative change of Sigma_t with the controls, 0 if none"
-    return rounding(computed, float(change), operations=_operations(problem))
+    return rounding(computed, change / largest if largest else change, operations=_operations(problem))
 
 
 @jax.jit
@@ -136,81 +146,94 @@ def _operations(problem: Problem) -> float:
     return float(problem.steps * PRODUCTS * len(problem.prior_mean) ** 3)
 
 
-def _matched(problem: Problem, path: _Path, temperature: float) -> list[Check]:
-    """Proposition 3 and (15) at every step with D != 0."""
-    means, D = path.schedule.mean[:-1], path.schedule.diffusion
-    moved = np.asarray(jnp.any(D != 0, axis=(1, 2)))
+def _matched(problem: Problem, path: _Path, temperature: float) -> tuple[list[Check], str]:
+    """Proposition 3 and (15) at every step, and what they mean together."""
+    means, D, gains = path.schedule.mean[:-1], path.schedule.diffusion, np.asarray(path.schedule.gain)
     G = jax.vmap(problem.system.G)(means)
-    best = jax.vmap(best_weight)(D, G)
     imposed = matched_weight(problem.cost.R, temperature)
     least, given = (
-        np.asarray(jax.vmap(residual, in_axes=(0, 0, axis))(D, G, W))[moved] for W, axis in ((best, 0), (imposed, None))
+        np.array([_left(d, g, W) for d, g, W in zip(D, G, weights, strict=True)])
+        for weights in (jax.vmap(best_weight)(D, G), [imposed] * len(D))
     )
-    singular = np.linalg.svd(np.asarray(G), compute_uv=False)
-    values = np.linalg.eigvalsh(np.asarray(best))[moved]
-    rank = int(np.sum(singular[0] > max(G.shape[1:]) * EPSILON * singular[0, 0])) if singular.size else 0
-    share = float(np.min(values[:, -rank] / np.maximum(values[:, -1], 1e-300), initial=1.0)) if rank else 0.0
-    Q = problem.system.H @ problem.system.H.T
-    classical = float(residual(Q, G[0], imposed))
+    # the gain's range is that of D = K R_o K', and its rank is not squared by rounding
+    equal = np.array([numerical_rank(K) == numerical_rank(g) for K, g in zip(gains, np.asarray(G), strict=True)])
+    one = best_constant_weight(D, G) if np.any(D) else None
     operations = _operations(problem)
-    reached = operations * EPSILON
-    return [
+    equal &= least <= operations * EPSILON
+    alone = np.inf if one is None else np.sqrt(max(one.value, 0.0) / one.steps)
+    Q = problem.system.H @ problem.system.H.T
+    checks = [
         rounding(
-            "Proposition 3(i): largest eps* over the steps, 0 if range(D) is in range(G)", _top(least), operations
+            "Proposition 3(i): largest eps* over the steps, 0 if range(D) is in range(G)", np.max(least), operations
         ),
-        rounding("the same: smallest eps* over the steps", float(np.min(least, initial=np.inf)), operations),
-        at_least(
-            "Proposition 3(ii): least eigenvalue of W* on the rows of G, over the largest", share, reached, "rounding"
+        rounding("the same: smallest eps* over the steps", np.min(least), operations),
+        near("Proposition 3(ii): share of the steps at which range(D) = range(G)", np.mean(equal), 1.0, 0.0, "a count"),
+        rounding("(15) with this lambda and R: largest residual over the steps", np.max(given), operations),
+        at_most(
+            "(15) with one W >= 0 for lambda R^-1 at all steps: RMS residual",
+            alone,
+            ONE_WEIGHT,
+            "accuracy of the search for it",
         ),
-        rounding("(15) with this lambda and R: largest residual over the steps", _top(given), operations),
-        rounding("Remark 1: residual of Q = lambda G R^-1 G', the state being known", classical, operations),
+        rounding(
+            "Remark 1: residual of Q = lambda G R^-1 G', the state being known", _left(Q, G[0], imposed), operations
+        ),
     ]
+    return checks, _reading(checks, still=int(np.sum(~np.any(D, axis=(1, 2)))))
 
 
-def _top(values: np.ndarray) -> float:
-    return float(np.max(values, initial=0.0))
+def _left(D: Array, G: Array, W: Array) -> float:
+    """The residual of (15) (); for D = 0 it is 0 or infinite."""
+    if np.any(D):
+        return float(residual(D, G, W))
+    return float(np.inf) if np.any(G @ W @ G.T) else 0.0
 
 
-def _expansion(problem: Problem, path: _Path, theta: float) -> Check:
-    """Whether the expansion that q_RS begins falls off; where it does not, q_RS is another thing than the risk."""
-    steps = np.linspace(0, problem.steps, PLACES).astype(int)
-    nodes = gaussian_nodes(len(problem.prior_mean))
-    ratios = theta * _skewness(problem, path.schedule.mean[steps], path.schedule.cov[steps], *nodes)
-    computed = f"Remark 4, theta = {theta:g}: third-order over second-order term of the entropic risk"
-    return at_most(computed, float(np.max(np.abs(ratios))), TRUST, "the expansion has to fall off")
+def _reading(checks: list[Check], still: int) -> str:
+    """What the checks of `_matched` mean; D = 0 at `still` steps."""
+    largest, smallest, equal, given, one, _ = checks
+    if given.holds:
+        return "Matching (15) holds: Theorem 4, Corollary 5 and Theorem 6 are exact for the mean's equation (12)."
+    if one.holds and equal.holds:
+        return "Matching (15) does not hold with this lambda and R, but would with one other R."
+    if equal.holds:
+        return "Matching (15) would need an R that changes with time, while that of (2) is fixed."
+    if largest.holds:
+        nothing = f"; D = 0 at {still} steps" if still else ""
+        return f"Matching (15) holds for no R > 0, since D has less rank than G (Proposition 3(ii)){nothing}."
+    return (
+        "Matching (15) holds for no R: part of the diffusion is out of reach of the controls, "
+        f"eps* = {smallest.value:.2f} to {largest.value:.2f}; "
+        "Theorem 4, Corollary 5 and Theorem 6 are approximations here."
+    )
+
+
+def _expansion(problem: Problem, path: _Path, controller: Controller) -> list[Check]:
+    """Whether the expansion that q_RS begins falls off; where it does not, q_RS is another thing than the risk.
+
+    Nothing for a controller without theta.
+    """
+    theta, of_all = getattr(controller, "theta", None), getattr(controller, "risk", "total") == "total"
+    if theta is None:
+        return []
+    mean, cov, *_ = path.schedule
+    ratios = float(theta) * np.abs(_skewness(problem, mean, cov, float(of_all), *gaussian_nodes(mean.shape[1])))
+    worst, what = int(np.argmax(ratios)), "the cost" if of_all else "the penalty"
+    computed = f"Remark 4, theta = {float(theta):g}, {what}: third over second term of rho, largest at step {worst}"
+    return [at_most(computed, ratios[worst], TRUST, "the expansion has to fall off")]
 
 
 @jax.jit
-def _skewness(problem: Problem, means: Array, covs: Array, points: Array, weights: Array) -> Array:
-    """kappa_3 / (3 kappa_2) (P,) of the running cost under beliefs (P, nx), (P, nx, nx)."""
+def _skewness(problem: Problem, means: Array, covs: Array, base: Array, points: Array, weights: Array) -> Array:
+    """kappa_3 / (3 kappa_2) (P,) of `base` times the base cost plus the penalty; means (P, nx), covs (P, nx, nx)."""
 
     def at(belief: tuple[Array, Array]) -> Array:
         mean, cov = belief
         factor, _ = psd_factor(cov)
-        q = jax.vmap(lambda z: problem.cost.base(mean + factor @ z) + problem.cost.penalty(mean + factor @ z))(points)
+        states = mean + points @ factor.T
+        q = jax.vmap(lambda x: base * problem.cost.base(x) + problem.cost.penalty(x))(states)
         q = q - weights @ q
         second, third = weights @ q**2, weights @ q**3
         return jnp.where(second > 0, third / (3 * jnp.where(second > 0, second, 1.0)), 0.0)
 
     return jax.lax.map(at, (means, covs))
-
-
-def _reading(exact: list[Check], matched: list[Check]) -> str:
-    """What the checks mean together."""
-    gaussian = all(check.holds for check in exact)
-    first = (
-        "The belief is exactly Gaussian and its covariance known in advance (Proposition 2). "
-        if gaussian
-        else "The belief is Gaussian in approximation only: the filter is an extended Kalman filter (Remark 3). "
-    )
-    largest, smallest, equal, given, _ = matched
-    if given.holds:
-        return first + "Matching (15) holds: Theorem 4, Corollary 5 and Theorem 6 are exact for the belief's mean."
-    if largest.holds and equal.holds:
-        return first + "Matching (15) does not hold with this lambda and R, but with other R, another at each step."
-    if largest.holds:
-        return first + "Matching (15) holds for no R > 0: D has less rank than G (Proposition 3(ii))."
-    return first + (
-        "Matching (15) holds for no R: part of the diffusion is out of reach of the controls, "
-        f"eps* = {smallest.value:.2f} to {largest.value:.2f}; Theorem 4 to Theorem 6 are approximations here."
-    )
