@@ -23,7 +23,7 @@ def certificate() -> Certificate:
 @pytest.fixture(scope="module")
 def expected() -> a1.Expected:
     with float64():
-        problem, optimum = a1.matched_problem()
+        problem, optimum = a1.stationary_problem()
         return a1.expected_excess(problem, optimum, *a1.filtered_law(problem))
 
 
@@ -57,6 +57,15 @@ def test_an_excess_that_falls_otherwise_is_seen(expected):
     assert verdicts(forms_like(higher), expected) == [True, False, False, False, False]
 
 
+def test_points_whose_interval_reaches_below_zero_are_drawn(certificate):
+    paired, forms = certificate.panels[0].lines[2:]
+    assert list(forms.x) == list(a1.SAMPLES)
+    assert np.all(np.less(0, paired.low) & np.less(paired.low, paired.y) & np.less(paired.y, paired.high))
+    wide = a1._points("", np.array([[-1.0, 3.0, 1.0], [-1.0, -3.0, -1.0]] * 2), 100.0)
+    assert list(wide.x) == [a1.SAMPLES[0], a1.SAMPLES[2]]
+    np.testing.assert_allclose(wide.low, 0.1)
+
+
 def test_a_cost_that_is_not_the_quadratic_form_is_seen(expected):
     forms = forms_like(expected.excess(np.array(a1.SAMPLES)))
     shifted = forms + np.random.default_rng(1).normal(1.0, 1.0, size=forms.shape)
@@ -64,7 +73,7 @@ def test_a_cost_that_is_not_the_quadratic_form_is_seen(expected):
 
 
 def test_another_temperature_than_the_matched_one_does_not_cost_what_is_predicted(expected, x64):
-    problem, optimum = a1.matched_problem()
+    problem, optimum = a1.stationary_problem()
     warm = dataclasses.replace(a1.printed(1024), temperature=2 * a1.TEMPERATURE)
     run = a1.closed_loops(problem, warm, 0, 50)
     form = 0.5 * optimum.hessian * np.sum((run.control + optimum.gain * run.mean) ** 2, axis=1)
@@ -72,7 +81,7 @@ def test_another_temperature_than_the_matched_one_does_not_cost_what_is_predicte
 
 
 def test_a_controller_that_is_not_the_optimum_is_seen(x64):
-    problem, optimum = a1.matched_problem()
+    problem, optimum = a1.stationary_problem()
     mean = np.ones((10, a1.STEPS))
     best = a1.optimal_cost(problem, optimum, a1.filtered_law(problem)[0])
     costs = best + np.linspace(-1, 1, 10)
@@ -96,7 +105,7 @@ def test_the_tilted_paths_are_those_of_the_reference(tau, monkeypatch):
 
 def test_the_optimal_cost_is_that_of_the_joint_second_moments(x64):
     """Of the state and its estimate, step by step."""
-    problem, optimum = a1.matched_problem()
+    problem, optimum = a1.stationary_problem()
     covs, innovations = a1.filtered_law(problem)
     R, B, K = float(problem.cost.R[0, 0]), a1.CONTROL_GAIN * a1.DT, optimum.gain
     square = float(problem.prior_mean[0]) ** 2  # E mu^2; E x^2 is that and the covariance
@@ -111,7 +120,7 @@ def test_the_optimal_cost_is_that_of_the_joint_second_moments(x64):
 
 def test_the_prediction_is_the_spread_of_a_ratio_of_averages(x64):
     """Of the first control alone, from paths sampled in NumPy; the mean it starts from is known."""
-    problem, optimum = a1.matched_problem()
+    problem, optimum = a1.stationary_problem()
     covs, innovations = (part[:1] for part in a1.filtered_law(problem))
     found = a1.expected_excess(problem, optimum, covs, innovations)
     D, rng = a1.planned_diffusions(problem, covs)[0], np.random.default_rng(0)

@@ -10,7 +10,8 @@ import pytest
 import mppi_belief as mb
 import reference
 from helpers import float64, quick_jit
-from mppi_belief.certificate import Certificate, Check
+from mppi_belief.certificate import Certificate, Check, Line, Panel
+from mppi_belief.filters import particle
 from mppi_belief.verify import belief_dynamics as dynamics
 from mppi_belief.verify import kushner
 from mppi_belief.verify.kushner import Moments
@@ -69,7 +70,14 @@ def test_a_control_that_does_not_act_through_its_divergence_is_seen(monkeypatch,
     generator = kushner.generator
     monkeypatch.setattr(kushner, "generator", lambda on, model, u: generator(on, model, 0.0))
     assert not dynamics.channel_check().holds
+    assert not dynamics.step_orders()[0].holds
     assert not dynamics.space_orders()[0].holds
+
+
+def test_a_drift_that_is_not_6a_in_both_the_channel_and_the_step_is_seen(monkeypatch, quick):
+    generator = kushner.generator
+    monkeypatch.setattr(kushner, "generator", lambda on, model, u: generator(on, model._replace(f=0 * model.f), u))
+    assert not dynamics.step_orders()[0].holds
 
 
 def test_bayes_rule_without_its_ito_term_is_seen(monkeypatch, quick):
@@ -137,9 +145,30 @@ def test_a_particle_filter_that_is_off_is_seen():
     rng, exact = np.random.default_rng(0), Moments(np.zeros(SHAPE), np.ones(SHAPE))
     own = Moments(*np.full((2, *SHAPE), 1e-5))
     for bias, holds in ((0.0, True), (0.1, False)):
-        noise = rng.normal(size=(2, len(dynamics.SAMPLED), *SHAPE[1:])) * 0.03
+        noise = rng.normal(size=(2, len(dynamics.SAMPLED), *SHAPE[1:2], 1)) * 0.05
         sampled = Moments(noise[0] + bias, 1 + noise[1])
         assert dynamics.particle_check(sampled, exact, own).holds == holds
+
+
+def test_weights_of_another_measurement_noise_are_seen(monkeypatch, x64):
+    cov = particle.measurement_cov
+    monkeypatch.setattr(particle, "measurement_cov", lambda *at: 1.1 * cov(*at))
+    for name, chosen in (("CURVATURES", (0.4,)), ("SAMPLED", [0]), ("ekf_checks", lambda *_: [])):
+        monkeypatch.setattr(dynamics, name, chosen)
+    (check,), _ = dynamics.curved_case(0)
+    assert "particle filter" in check.computed
+    assert not check.holds
+
+
+def test_from_where_the_extended_kalman_filter_is_worse():
+    def panel(*errors):
+        kappa, none = [0.1, 0.2, 0.4], Line("", [], [])
+        return Panel("", "", "", [Line("EKF", kappa, errors), none, Line("particles", kappa, [1.0] * 3), none])
+
+    assert dynamics.worse_from(panel(0.5, 1.5, 2.0)) == 0.2
+    assert dynamics.worse_from(panel(1.5, 0.5, 2.0)) == 0.4
+    assert dynamics.worse_from(panel(1.5, 1.6, 2.0)) == 0.1
+    assert dynamics.worse_from(panel(0.1, 0.2, 0.3)) == np.inf
 
 
 def test_the_extended_kalman_filter_is_the_plain_one_on_a_curved_measurement(x64):

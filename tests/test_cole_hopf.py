@@ -37,12 +37,12 @@ def test_the_certificate_holds(certificate):
 def test_a_wrong_sign_in_front_of_the_gradient_term_shows(monkeypatch, x64):
     value = pde.value
 
-    def wrong(terms: pde.Equation, on: pde.Grid) -> np.ndarray:
+    def wrong(terms: pde.Equation, on: pde.Grid) -> tuple[np.ndarray, float]:
         return value(terms._replace(authority=0.9 * terms.authority), on)
 
     monkeypatch.setattr(pde, "value", wrong)
     broken = cole_hopf.certify()
-    assert "by policy iteration on (13): order" in failed(broken)
+    assert "V by (13), method of lines: order" in failed(broken)
     assert "V by (13) from the Riccati solution" in failed(broken)
 
 
@@ -68,6 +68,13 @@ def test_another_control_weight_shows_in_the_minimum(setting):
         assert all(check.holds for check in cole_hopf._minimised(matched, terms, solved))
         heavier = matched_problem(temperature=1.001 * matched.temperature)
         assert not all(check.holds for check in cole_hopf._minimised(heavier, terms, solved))
+
+
+def test_what_is_drawn_without_matching_is_the_prediction(certificate):
+    found, predicted = certificate.panels[-1].lines
+    assert predicted.y[predicted.x.index(1.0)] == 0.0
+    between = np.interp(found.x, predicted.x, predicted.y)
+    np.testing.assert_allclose(found.y, between, atol=0.02 * max(predicted.y))
 
 
 @pytest.mark.parametrize("kappa", [0.7, 1.5])

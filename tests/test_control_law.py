@@ -10,9 +10,12 @@ import pytest
 import mppi_belief as mb
 from helpers import SIGMAS, float64, quick_jit
 from mppi_belief import path_integral as pi
+from mppi_belief.belief import GainSchedule
+from mppi_belief.belief_cost import risk_sensitive
 from mppi_belief.certificate import Certificate, largest_z
+from mppi_belief.controllers import mppi_belief as planner
 from mppi_belief.verify import control_law as law
-from mppi_belief.verify import pde, underactuated
+from mppi_belief.verify import pde, transient, underactuated
 from mppi_belief.verify.matched_problem import Matched, Steady, equation, matched_problem, steady
 
 KEY = 5
@@ -122,14 +125,83 @@ def test_the_double_integrators_exact_control_is_lqg_of_the_same_steps(double_in
             return controller.act(problem, mb.Belief(state, jnp.asarray(cov)), plan, jax.random.key(0))[0][0]
 
         for state in underactuated.STATES:
-            u, _ = underactuated.exact(problem, along, temperature, state, problem.steps)
+            u = underactuated.exact(problem, along, temperature, state, problem.steps)
             assert float(act(problem, state)) == pytest.approx(u, abs=1e-11)
 
 
-def test_another_belief_shows_in_the_double_integrators_samples(double_integrator):
-    problem, cov, temperature, along = double_integrator
+def test_the_increment_is_that_of_the_tilted_gaussian_by_quadrature(double_integrator):
+    """One step: eps_0 alone, on a fine grid."""
+    problem, _, temperature, along = double_integrator
+    L, start, cost = np.asarray(along.factors[0, :, 0]), np.array([1.5, -0.5]), problem.cost
+    F = np.eye(2) + np.array([[0.0, 1.0], [0.0, 0.0]]) * underactuated.DURATION
+    eps = np.linspace(-9, 9, 2001)
+    away = (F @ start - np.asarray(cost.goal))[:, None] + L[:, None] * eps
+    weights = np.exp(-(eps**2) / 2 - np.asarray(cost.terminal_weight) @ away**2 / (2 * temperature))
+    mean = weights @ eps / weights.sum()
+    assert underactuated.tilted_increment(problem, L, temperature, start, 1) == pytest.approx(mean, rel=1e-10)
+
+
+@pytest.fixture(scope="module")
+def flight(certificate) -> Iterator[tuple[mb.Problem, transient.Run]]:
     with float64():
-        key = jax.random.key(KEY)
-        assert largest_z("", underactuated.sample(problem, cov, along, temperature, key).z, 63).holds
-        wider = underactuated.sample(problem, 1.2 * cov, along, temperature, key)
-        assert not largest_z("", wider.z, 63).holds
+        problem = transient.transient_problem()
+        yield problem, transient.run(problem, jax.random.key(KEY))
+
+
+def test_the_schedule_is_in_transit(flight):
+    """D_k, Sigma_k and the cost of one mean change with k; the weights are neither even nor those of a few paths."""
+    problem, found = flight
+    with float64():
+        for i, start in enumerate(transient.STARTS):
+            covs, diffusions = transient.riccati(problem, start)
+            assert np.linalg.norm(diffusions[-1] - diffusions[0]) > np.linalg.norm(diffusions[0])
+            # but for the trace of (4), which is the same for all paths
+            traces = np.trace(np.diag(problem.cost.running_weight) @ covs, axis1=1, axis2=2) / 2
+            q = [transient.running(problem.cost, start[:, None], cov)[0] for cov in covs] - traces
+            assert np.ptp(q) > 0.1
+            costs = transient.printed(problem, start, found.factors[i], found.eps[i]).costs
+            w = np.exp(-costs) / np.exp(-costs).sum()
+            assert 5 < 1 / np.sum(w**2) < 0.75 * transient.SAMPLES
+
+
+def test_factors_of_another_diffusion_show(flight):
+    problem, found = flight
+    one = transient.STARTS[0], found.factors[0], found.eps[0]
+    with float64():
+        assert transient.printed(problem, *one).factor_error < 1e-13
+        assert transient.printed(problem, one[0], 1.001 * one[1], one[2]).factor_error > 1e-4
+
+
+PATH_COSTS, WEIGHTS, FACTORS = pi.path_costs, pi.weights, planner.diffusion_factors
+
+
+def frozen(schedule: GainSchedule) -> tuple[jax.Array, jax.Array]:
+    factors, ranks = FACTORS(schedule)
+    return jnp.broadcast_to(factors[0], factors.shape), ranks
+
+
+MUTATIONS = {
+    "temperature": (pi, "weights", lambda S, temperature: WEIGHTS(S, 1.03 * temperature)),
+    "charge": (pi, "path_costs", lambda p, m, s, covs, charge, *costs: PATH_COSTS(p, m, s, covs, "end", *costs)),
+    "Sigma_k": (
+        pi,
+        "path_costs",
+        lambda p, m, s, covs, *rest: PATH_COSTS(p, m, s, jnp.broadcast_to(covs[0], covs.shape), *rest),
+    ),
+    "L_k": (planner, "diffusion_factors", frozen),
+}
+
+
+@pytest.mark.parametrize("mutation", MUTATIONS)
+def test_any_other_algorithm_shows_line_by_line(monkeypatch, x64, mutation):
+    monkeypatch.setattr(*MUTATIONS[mutation])
+    run = transient._run
+    monkeypatch.setattr(transient, "_run", lambda *args: run(*args))  # another function for the compiler
+    check = transient.transient_check(jax.random.key(KEY))
+    assert check.value > 1e4 * check.high
+
+
+def test_the_grids_expectations_are_those_of_the_closed_forms(x64):
+    cost, cov = transient.transient_problem().cost, transient.COV
+    exact = [risk_sensitive(cost, jnp.asarray(m), jnp.asarray(cov), transient.THETA) for m in transient.STARTS]
+    np.testing.assert_allclose(transient.running(cost, transient.STARTS.T, cov), exact, rtol=1e-12)

@@ -49,7 +49,7 @@ def test_the_reference_is_the_riccati_equations(x64):
 
 def test_another_process_noise_than_the_filters_is_seen(monkeypatch, quick):
     monkeypatch.setattr(covariance, "Q", 1.01 * covariance.Q)
-    assert not any(check.holds for check in covariance.limits(schedule)[0][3:])
+    assert not any(check.holds for check in covariance.limits(schedule)[0][1:])
     assert not any(check.holds for check in covariance.settled(schedule))
 
 
@@ -59,7 +59,38 @@ def test_a_wrong_limit_is_seen(part, quick):
         found = schedule(*arguments)
         return found._replace(**{part: getattr(found, part) * 1.001})
 
-    assert not covariance.limits(wrong)[0][3].holds
+    assert not covariance.limits(wrong)[0][1].holds
+
+
+def test_the_diffusion_of_the_measurement_noise_alone_is_seen(monkeypatch, quick):
+    """K R_s K' in place of K S K', which is the same in the limit."""
+
+    def wrong(problem, at, u):
+        after, K, _ = filter_step(problem, at, u)
+        return after, K, K @ (covariance.R_O / problem.dt) @ K.T / problem.dt
+
+    filter_step = belief._filter_schedule_step
+    monkeypatch.setattr(belief, "_filter_schedule_step", wrong)
+    assert [check.holds for check in covariance.transient(gain_schedule)] == [False, True]
+
+
+@pytest.mark.parametrize("part", [1, 2])
+def test_a_riccati_schedule_that_is_a_step_late_is_seen(part, monkeypatch, quick):
+    """K or D of t_{k+1} instead of t_k, which is the same once all is settled."""
+
+    def wrong(problem, at, u):
+        found = list(riccati_schedule_step(problem, at, u))
+        found[part] = riccati_schedule_step(problem, found[0], u)[part]
+        return tuple(found)
+
+    riccati_schedule_step = belief._riccati_schedule_step
+    monkeypatch.setattr(belief, "_riccati_schedule_step", wrong)
+    assert [check.holds for check in covariance.transient(gain_schedule)] == [True, False]
+
+
+def test_an_ekf_that_is_not_numpys_recursion_is_seen(monkeypatch, quick):
+    monkeypatch.setattr(covariance, "Q", (1 + 1e-9) * covariance.Q)
+    assert [check.holds for check in covariance.independence(covariance.linear(0.1), 0)] == [True, False]
 
 
 def test_a_covariance_that_feels_the_controls_is_seen(monkeypatch, quick):
@@ -101,7 +132,7 @@ def test_bits_are_counted():
 
 @settings(max_examples=25, deadline=None, derandomize=True)
 @given(seed=st.integers(0, 10**6), duration=st.floats(0.01, 3), relative=st.floats(0.01, 0.9))
-def test_the_flow_contracts_thompsons_metric(seed, duration, relative):
+def test_the_flow_lets_no_relative_error_grow(seed, duration, relative):
     """What every band for rounding rests on: (1 +- e) Sigma flows to between (1 - e) and (1 + e) times the flow."""
     rng = np.random.default_rng(seed)
     A, C = rng.normal(size=(3, 3)), rng.normal(size=(2, 3))

@@ -13,7 +13,7 @@ from jax import Array
 import mppi_belief as mb
 from helpers import float64
 from mppi_belief.belief_cost import risk_sensitive, running_moments
-from mppi_belief.certificate import Certificate
+from mppi_belief.certificate import Certificate, Check
 from mppi_belief.verify import entropic_risk as er
 
 COARSE_ENOUGH = 0.05
@@ -81,6 +81,17 @@ def test_a_variance_without_the_covariance_of_its_parts_is_seen(replaced):
     cases = er.bump_expansions(np.random.default_rng(0))
     assert [er._order(case).holds for case in cases] == [True, True, False]
     assert "whole cost" in er._tightest([er._order(case) for case in cases]).computed
+
+
+def test_the_worst_of_several_costs_is_one_that_fails():
+    near = Check("near its end", 0.99, -1.0, 1.0, "")
+    for bad in (Check("no number", math.nan, -1.0, 1.0, ""), Check("no band", 0.0, math.nan, math.nan, "")):
+        for checks in ([bad, near, near], [near, bad, near], [near, near, bad]):
+            assert er._tightest(checks).computed.startswith(bad.computed)
+            assert not er._tightest(checks).holds
+    outside = Check("outside", 1.5, -1.0, 1.0, "")
+    assert er._tightest([near, outside]).computed.startswith("outside")
+    assert er._tightest([near._replace(value=0.5), near]).value == 0.99
 
 
 def test_another_third_cumulant_is_seen(x64):

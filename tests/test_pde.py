@@ -1,5 +1,8 @@
 """The solvers that the certificates compare with: closed forms, orders, and slow versions of their own."""
 
+import itertools
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy.integrate import quad, solve_ivp
@@ -54,18 +57,30 @@ def test_the_far_field_solves_the_bellman_equation():
     np.testing.assert_allclose(-rate, right, atol=1e-6)
 
 
-@pytest.mark.parametrize("scheme", ["linear", "direct"])
-def test_both_schemes_tend_to_the_riccati_solution_at_second_order(scheme):
+def test_the_linear_equation_tends_to_the_riccati_solution_at_second_order():
     terms, errors = quadratic_equation(), []
     for refine in (1, 2, 4):
         on = pde.grid(terms, 120 * refine, 10 * refine)
         exact = pde.quadratic(pde.far_field(terms, terms.authority, np.zeros(1)), on.points)
-        if scheme == "linear":
-            V = -TEMPERATURE * np.log(pde.desirability(terms, on)[0, inner(on)])
-        else:
-            V = pde.value(terms, on)[0, inner(on)]
+        V = -TEMPERATURE * np.log(pde.desirability(terms, on)[0, inner(on)])
         errors.append(np.max(np.abs((V - exact[inner(on)])[::refine])))
     np.testing.assert_allclose(observed_orders(errors), 2, atol=0.1)
+
+
+@pytest.mark.parametrize("cells", [40, 120, 480])
+def test_the_method_of_lines_is_exact_for_quadratics_but_for_its_tolerance(cells):
+    terms = quadratic_equation(authority=0.8)
+    on = pde.grid(terms, cells, 10)
+    V, bound = pde.value(terms, on)
+    exact = pde.quadratic(pde.far_field(terms, terms.authority, on.times[:, None]), on.points)
+    assert np.max(np.abs(V - exact)) < bound < 1e-3
+
+
+def test_the_method_of_lines_is_of_fourth_order_with_a_bump():
+    terms = quadratic_equation(bump=1.5)
+    values = [pde.value(terms, pde.grid(terms, 60 * refine, 4))[0][:, ::refine] for refine in (1, 2, 4, 8)]
+    changes = [np.max(np.abs(fine - coarse)) for coarse, fine in itertools.pairwise(values)]
+    np.testing.assert_allclose(observed_orders(changes)[-1], 4, atol=0.3)
 
 
 def test_the_desirability_is_that_of_a_stiff_integrator():
@@ -90,10 +105,17 @@ def test_the_desirability_is_that_of_a_stiff_integrator():
     np.testing.assert_allclose(pde.desirability(terms, on)[128, 1:-1], found, rtol=2e-3, atol=1e-6)
 
 
-def test_policy_iteration_that_may_not_go_on_says_so():
-    terms = quadratic_equation(bump=1.5)
-    with pytest.raises(RuntimeError, match="converge"):
-        pde.value(terms, pde.grid(terms, 60, 5), most=1)
+def test_an_integrator_that_gives_up_says_so(monkeypatch):
+    terms, solver = quadratic_equation(), pde.solve_ivp
+
+    def gives_up(rate, span, start, method, *rest, **settings):
+        if method == "LSODA":
+            return SimpleNamespace(success=False, message="step too small")
+        return solver(rate, span, start, method, *rest, **settings)
+
+    monkeypatch.setattr(pde, "solve_ivp", gives_up)
+    with pytest.raises(RuntimeError, match="step too small"):
+        pde.value(terms, pde.grid(terms, 60, 5))
 
 
 def test_differences_are_exact_for_quadratics():

@@ -27,6 +27,7 @@ from ..obstacles import Obstacles
 from ..problem import Belief, Problem, System
 from ..systems import LightDark
 from ..tangent import gaussian_nodes, outside_mean_tangent
+from .numerics import quick_jit
 
 MEANS, GRID = 64, 121
 S = 0.5  # standard deviation of the scalar beliefs
@@ -39,12 +40,11 @@ TEXT = (
     "fixed covariance, by least squares on a Gauss-Hermite rule: nothing for affine observations, the light-dark "
     "system's among them, the closed form for a cubic and a sine, a definite part for distance and bearing. The "
     "theorem is for a constant sigma_o: where it depends on the state, as in the light-dark system, the scatter of the "
-    "measurements tells about p_x too, in one sample 4 slope² = 2 times as much as the measured position. As an "
-    "intensity it would tell |p_x - 5| at once, since with dt the mean's information per sample goes to zero and the "
-    "scatter's does not; equation (5), the EKF and the theorem leave it out."
+    "measurements tells about p_x too. With sigma_o a sample's deviation (of one measurement every Δt) it tells "
+    "4 slope² = 2 times as much as the measured position does; with sigma_o an intensity (of the noise of (1b) in "
+    "continuous time) it would tell |p_x - 5| at once, since with Δt the mean's information per measurement goes to "
+    "zero and the scatter's does not. Equation (5), the EKF and the theorem leave it out."
 )
-# there is more to compile than to compute
-quick_jit = partial(jax.jit, compiler_options={"xla_backend_optimization_level": 0})
 
 
 class Found(NamedTuple):

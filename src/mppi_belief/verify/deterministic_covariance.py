@@ -207,12 +207,12 @@ def transient(schedule: Schedule) -> list[Check]:
         rounding(
             "filter's schedule: K S = Σ⁻C', D Δt = what a measurement takes off Σ⁻; relative",
             max(taken, gained),
-            OPERATIONS * float(np.max(np.linalg.cond(S))),
+            np.ceil(OPERATIONS * np.max(np.linalg.cond(S))),
         ),
         rounding(
             "Riccati schedule: K, D against ΣC'R_o⁻¹, ΣC'R_o⁻¹CΣ at the same t_k, relative",
             held,
-            OPERATIONS * float(np.linalg.cond(R_O)),
+            np.ceil(OPERATIONS * np.linalg.cond(R_O)),
         ),
     ]
 
@@ -225,7 +225,7 @@ def relative(found: Reals, truth: Reals, size: Reals) -> float:
 
 def amplified(covs: Reals) -> float:
     """Roundings of Sigma, relative to its norm, after the steps of covs (T+1, nx, nx)."""
-    return float((len(covs) - 1) * np.max(np.linalg.cond(covs)) * OPERATIONS)
+    return float(np.ceil((len(covs) - 1) * np.max(np.linalg.cond(covs)) * OPERATIONS))
 
 
 def steered(seed: int) -> Check:
@@ -258,7 +258,7 @@ def settled(schedule: Schedule) -> list[Check]:
         ("discrete filter, settled and predicted, against the discrete one", ahead, discrete, F @ (np.eye(3) - K @ C)),
     ):
         separation = np.linalg.svd(np.eye(9) - np.kron(Phi, Phi), compute_uv=False)[-1]
-        checks.append(rounding(name, distance(found, truth), 2 * OPERATIONS / separation, norm(truth)))
+        checks.append(rounding(name, distance(found, truth), np.ceil(2 * OPERATIONS / separation), norm(truth)))
     return checks
 
 

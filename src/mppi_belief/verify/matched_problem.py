@@ -3,7 +3,7 @@
     0 = 2 a Sigma + sigma_w^2 - D,   D = (c Sigma / sigma_o)^2 = lambda b^2 / R      (8b)(9)(15)
 
 Sigma stays at the root of (8b), so D is constant and R = lambda b^2 / D makes (15) hold at all times. The running
-cost has its goal between two obstacles and is risk-sensitive (Remark 4).
+cost has its goal between two obstacles and is risk-sensitive (Remark 4). All quantities are dimensionless.
 """
 
 from dataclasses import replace
@@ -23,13 +23,12 @@ from ..costs import GoalObstacleCost
 from ..obstacles import Obstacles
 from ..problem import Belief, Cost, Problem
 from ..systems import ScalarLinear
+from .numerics import quick_jit
 from .pde import Equation, Quadratic
 
 REACH = 7.0  # of the grids; from there the optimum does not come near the obstacles before T
 BLOCK = 4096  # grid points whose cost is computed at once, so that grids of any size compile once
 POOL = 2**17  # paths sampled at once
-# for what takes longer to compile than to compute
-quick_jit = partial(jax.jit, compiler_options={"xla_backend_optimization_level": 0})
 
 
 class Matched(NamedTuple):

@@ -23,12 +23,14 @@ from scipy.linalg import solve_continuous_are
 from scipy.optimize import brentq
 
 from ..belief import gain_schedule, prior
-from ..certificate import EPSILON, Certificate, Check, Line, Panel, at_least, at_most, near, rounding
+from ..certificate import EPSILON, Certificate, Check, Line, Panel, at_most, near, rounding
 from ..costs import GoalObstacleCost
-from ..matching import ConstantWeight, best_constant_weight, best_weight, optimality_gap, residual
+from ..matching import ConstantWeight, best_constant_weight, best_weight, residual
 from ..obstacles import Obstacles
 from ..problem import Problem
 from ..systems import LightDark
+from .least_residual import SEARCH, least, optimum, relative
+from .numerics import quick_jit
 
 SIGMA_W, SIGMA_O, DT, STEPS = 0.3, 0.1, 0.1, 60
 PRINTED = 0.79  # Sec. VII
@@ -36,8 +38,6 @@ START, GOAL, LIGHT = (0.9, 1.9), (7.0, 0.0), 5.0
 SETTLED = {"intensity": (2, 400.0), "sample": (700, DT)}  # steps and their length until the filter is at rest
 METHOD = {"intensity": "riccati", "sample": "filter"}
 SIGMAS = np.geomspace(0.03, 3.0, 41)
-# there is more to compile than to compute
-quick_jit = partial(jax.jit, compiler_options={"xla_backend_optimization_level": 0})
 
 
 def closed_form(sigma_o: float | np.ndarray, convention: str, dt: float = DT) -> np.ndarray:
@@ -85,51 +85,40 @@ class Along(NamedTuple):
     held: np.ndarray
 
 
-@partial(quick_jit, static_argnames="convention")
-def _schedule(means: Array, convention: str) -> tuple[Array, Array, Array]:
+@partial(quick_jit, static_argnames=("convention", "method"))
+def _schedule(means: Array, convention: str, method: str) -> tuple[Array, Array, Array]:
     """D, G and eps* of 60 steps of 0.1 s through the default light-dark system along means (61, 4)."""
     at = problem(convention, (0.0,) * 4, SIGMA_O, STEPS, DT)
     start = prior(at)._replace(mean=means[0])
-    D = gain_schedule(at, start, jnp.zeros((STEPS, 2)), METHOD[convention], means[1:]).diffusion
+    D = gain_schedule(at, start, jnp.zeros((STEPS, 2)), method, means[1:]).diffusion
     G = jax.vmap(at.system.G)(means[:-1])
     return D, G, jax.vmap(lambda D, G: residual(D, G, best_weight(D, G)))(D, G)
 
 
+def straight(start: tuple[float, float], goal: tuple[float, float]) -> np.ndarray:
+    """Means (T+1, 4) of a vehicle that keeps its velocity."""
+    position = np.linspace(start, goal, STEPS + 1)
+    return np.hstack([position, np.tile((position[-1] - position[0]) / (STEPS * DT), (STEPS + 1, 1))])
+
+
 def along(convention: str, start: tuple[float, float], goal: tuple[float, float]) -> Along:
     """The schedule along a straight line at constant speed."""
-    position = np.linspace(start, goal, STEPS + 1)
-    means = np.hstack([position, np.tile((position[-1] - position[0]) / (STEPS * DT), (STEPS + 1, 1))])
-    D, G, best = (np.asarray(part) for part in _schedule(jnp.asarray(means), convention))
-    constant = best_constant_weight(D, G)
-    return Along(D, G, best, constant, np.asarray(_relative(D, G, constant.weight[None])[0]))
-
-
-@quick_jit
-@partial(jax.vmap, in_axes=(None, None, 0))
-def _relative(D: Array, G: Array, W: Array) -> Array:
-    """epsilon (M, T) of weights (M, nu, nu) along D (T, nx, nx) and G (T, nx, nu)."""
-    return jax.vmap(residual, in_axes=(0, 0, None))(D, G, W)
-
-
-def turning(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """D (T, 2, 2) and G (T, 2, 2) of a velocity on a rail, pushed by two controls that turn by a right angle; the
-    diffusion is largest half way, where without W >= 0 an off-diagonal larger than the diagonal would fit best."""
-    angle = rng.uniform(0, np.pi / 2, 40)
-    push = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-    gain = np.stack([rng.normal(0.3, 0.2, 40), np.ones(40)], axis=-1) * (1 + 9 * np.sin(2 * angle[:, None]) ** 2) ** 0.5
-    return gain[:, :, None] * gain[:, None, :], np.array([0.0, 1.0])[:, None] * push[:, None, :]
+    means = jnp.asarray(straight(start, goal))
+    D, G, best = (np.asarray(part) for part in _schedule(means, convention, METHOD[convention]))
+    constant = best_constant_weight(D, G, SEARCH)
+    return Along(D, G, best, constant, np.asarray(relative(D, G, constant.weight[None])[0]))
 
 
 def certify(seed: int = 0) -> Certificate:
     """The residual at rest, its minimality over W >= 0, and the readings of the printed 0.79."""
-    nominal = {convention: along(convention, START, GOAL) for convention in METHOD}
+    line = {convention: along(convention, START, GOAL) for convention in METHOD}
     resting = along("intensity", (LIGHT, 0.0), (LIGHT, 0.0))
     return Certificate(
         "matching_residual",
         "Assumption 2, the matching residual ε*",
-        _text(nominal, resting),
-        [*_at_rest(), *_least(np.random.default_rng(seed)), *_constant(nominal)],
-        [_panel_rest(), _panel_along(nominal, resting)],
+        _text(line, resting),
+        [*_at_rest(), *least(np.random.default_rng(seed)), *_constant(line)],
+        [_panel_rest(), _panel_along(line, resting)],
     )
 
 
@@ -154,12 +143,6 @@ def _at_rest() -> list[Check]:
         rounding(
             "sample: largest error of the filter at rest, σₒ 0.03 to 3", errors["sample"], 40 * remembered, spread
         ),
-        at_least(
-            "least rise of ε* from one σₒ to the next, both conventions",
-            min(np.diff(rest).min() for rest in found.values()),
-            0.0,
-            "k² falls with σₒ, and ε* with k²",
-        ),
     ]
 
 
@@ -176,88 +159,65 @@ def _against_scipy() -> Check:
     return near("ε* in the light, σₒ an intensity, from SciPy's Riccati equation", value, 0.8, error, derived)
 
 
-def _least(rng: np.random.Generator) -> list[Check]:
-    """No W >= 0 does better: duality gaps, and a schedule whose unconstrained weight is indefinite."""
-    D, G = turning(rng)
-    found, scale = best_constant_weight(D, G), np.linalg.norm(D, axis=(1, 2))[:, None]
-    design = np.stack([np.kron(g, g) for g in G]) / scale[:, None]
-    free = np.linalg.lstsq(design.reshape(-1, 4), (D.reshape(40, -1) / scale).ravel(), rcond=None)[0].reshape(2, 2)
-    steps = rng.normal(size=(300, 2, 2)) * 10.0 ** rng.uniform(-6, 0.5, (300, 1, 1))
-    factor = _root(found.weight)
-    others = (factor + steps) @ (factor + steps).transpose(0, 2, 1)
-    sums = np.sum(np.asarray(_relative(D, G, others)) ** 2, axis=1)
-    # D = 1, 10, 1 at angles 0, 45 and 90 degrees: W = a [1 1; 1 1] with a = 55 / 51
-    push = np.array([[1.0, 0.0], [0.5**0.5, 0.5**0.5], [0.0, 1.0]])[:, None, :]
-    known = best_constant_weight(np.array([1.0, 10.0, 1.0])[:, None, None], push)
-    return [
-        at_most(
-            "turning controls: least eigenvalue of the W free of W ≥ 0", np.linalg.eigvalsh(free)[0], 0.0, "by design"
-        ),
-        at_most(
-            "turning controls: duality gap of the best W ≥ 0, a step", found.gap / 40, 1e-12, "where the search stops"
-        ),
-        at_least(
-            "turning controls: what 300 other W ≥ 0 leave beyond it, the least",
-            np.min(sums) - found.value,
-            -found.gap - 40 * 40 * EPSILON,
-            "the duality gap, and rounding of 40 residuals",
-        ),
-        near(
-            "D = 1, 10, 1 at 0°, 45°, 90°: least sum of squares",
-            known.value,
-            32 / 51,
-            known.gap + 40 * EPSILON,
-            "by hand; the gap",
-        ),
-    ]
-
-
-def _root(W: np.ndarray) -> np.ndarray:
-    values, vectors = np.linalg.eigh(W)
-    return vectors * np.sqrt(np.maximum(values, 0))
-
-
-def _constant(nominal: dict[str, Along]) -> list[Check]:
-    """Along the nominal, where G is constant: W is then the weighted mean of the D_k, seen through G."""
-    gaps, errors = [], [0.0]
-    for D, G, best, constant, _ in nominal.values():
+def _constant(line: dict[str, Along]) -> list[Check]:
+    """Along a line, where G is constant: W is then the weighted mean of the D_k, seen through G."""
+    gaps, errors = [], []
+    for D, G, best, constant, _ in line.values():
         weights = 1 / np.sum(D**2, axis=(1, 2))
         mean = np.einsum("t,tij->ij", weights / weights.sum(), D)
-        closed = np.sum(np.asarray(_relative(D, G, mean[None, 2:, 2:])) ** 2)
-        errors.append(abs(constant.value - closed) - constant.gap)
+        closed, _ = optimum(D, G, mean[2:, 2:])
+        errors.append(abs(optimum(D, G, constant.weight)[0] - closed) / STEPS)
         for k in (1, int(np.argmin(best))):
             W = np.asarray(best_weight(jnp.asarray(D[k]), jnp.asarray(G[k])))
-            gaps.append(optimality_gap(D[k : k + 1], G[k : k + 1], W))
+            gaps.append(abs(optimum(D[k : k + 1], G[k : k + 1], W)[1]))
     return [
-        rounding("nominal, one step: duality gap of W* = G⁺DG⁺'", max(gaps), 100),
-        rounding("nominal, one W: error of the least sum of squares, beyond the gap", max(errors), 40 * STEPS),
+        rounding("line, one step: duality gap of W* = G⁺DG⁺'", max(gaps), 4 * 41),
+        at_most(
+            "line, one W: error of the least mean square",
+            max(errors),
+            SEARCH + 40 * EPSILON,
+            "closed form; the gap the search is asked for, and rounding",
+        ),
     ]
 
 
-def _text(nominal: dict[str, Along], resting: Along) -> str:
+def _text(line: dict[str, Along], resting: Along) -> str:
     readings = {
         "at rest in the light as an intensity": float(closed_form(SIGMA_O, "intensity")),
         "at rest for a filter that samples this intensity every 0.1 s": float(closed_form(SIGMA_O / DT**0.5, "sample")),
         "at rest in the light as a sample's deviation": float(closed_form(SIGMA_O, "sample")),
     }
-    for name, found in nominal.items():
-        readings[f"along the nominal ({name}) at least"] = float(found.best.min())
+    for name, found in line.items():
+        readings[f"on the line at least ({name})"] = float(found.best.min())
         readings[f"on average ({name})"] = float(found.best.mean())
-        readings[f"with one W ({name})"] = float(np.sqrt(found.constant.value / found.constant.steps))
+        readings[f"as a root mean square with one W for all steps ({name})"] = float(
+            np.sqrt(found.constant.value / found.constant.steps)
+        )
     met = [name for name, value in readings.items() if round(value, 2) == PRINTED]
     intensity, sample = (
         brentq(lambda s, name=name: float(closed_form(s, name)) - PRINTED, 1e-3, 10, xtol=1e-12) for name in METHOD
     )
     values = ", ".join(f"{name} {value:.3f}" for name, value in readings.items())
     return (
-        "The residual of the light-dark system at rest has a closed form in either convention of sigma_o, with which "
-        "SciPy's Riccati equation, the library's Riccati flow and its filter are compared; that no other W ≥ 0 leaves "
-        f"less is shown by a duality gap. The paper prints 0.79 without saying where. Readings: {values}; "
-        f"{' and '.join(met) or 'none'} of them is 0.79 to two digits. At rest 0.79 needs sigma_o = {intensity:.4f} as "
-        f"an intensity, or {sample:.3f} as a sample's deviation, {(sample - SIGMA_O) / 0.5**0.5:.2f} m from the light; "
-        "on the way from the prior to rest in the light (intensity) it is passed, since ε* first falls to "
-        f"{resting.best.min():.3f}."
+        "The residual at rest has a closed form, be sigma_o an intensity (of the noise of the continuous measurement) "
+        "or a sample's deviation (of one measurement every Δt), and SciPy's Riccati equation, the library's Riccati "
+        "flow and its filter agree with it. That no other W ≥ 0 leaves less is shown by a duality gap, also for control"
+        " directions that turn with time, where W ≥ 0 binds. The paper prints 0.79 without saying where; nine readings,"
+        " on a straight line at constant speed from (0.9, 1.9) to (7, 0), not the planner's path: "
+        f"{values}; {' and '.join(met) or 'none'} of them is 0.79 to two digits. Others were tried too (windows around "
+        "the light, discretisations): only one, with an arbitrary window, rounds to 0.79 (sample, Riccati schedule, "
+        f"averaged over |p_x - 5| < 0.5: {windowed():.3f}), so it proves nothing. At rest 0.79 needs sigma_o = "
+        f"{intensity:.4f} as an intensity, or {sample:.3f} as a sample's deviation, "
+        f"{(sample - SIGMA_O) / 0.5**0.5:.2f} m from the light; on the way from the prior to rest in the light "
+        f"(intensity) it is passed, since ε* first falls to {resting.best.min():.3f}."
     )
+
+
+def windowed() -> float:
+    """Of the other readings that were tried, the one that is 0.79 to two digits."""
+    means = straight(START, GOAL)
+    *_, best = _schedule(jnp.asarray(means), "sample", "riccati")
+    return float(np.mean(np.asarray(best)[np.abs(means[:-1, 0] - LIGHT) < 0.5]))
 
 
 def _panel_rest() -> Panel:
@@ -269,11 +229,11 @@ def _panel_rest() -> Panel:
     return Panel("Matching residual at rest", "measurement noise σₒ (m, or m√s as an intensity)", "ε*", lines, "x")
 
 
-def _panel_along(nominal: dict[str, Along], resting: Along) -> Panel:
+def _panel_along(line: dict[str, Along], resting: Along) -> Panel:
     time = (DT * np.arange(STEPS)).tolist()
     lines = [
         Line(f"{name}, {which}", time, values.tolist())
-        for name, found in nominal.items()
+        for name, found in line.items()
         for which, values in (("best W of each step", found.best), ("one W", found.held))
     ]
     lines.append(Line("intensity, at rest in the light, best W", time, resting.best.tolist()))
