@@ -232,6 +232,8 @@ COMPLETIONS = {
     "mppi-belief r": ["run", "report"],
     "mppi-belief report exp": ["experiment="],
     "mppi-belief x": [],
+    "mppi-belief verify cole_hopf fey": ["feynman_kac"],
+    "mppi-belief verify cole_hopf the": ["theta="],
     "mppi-belief run contr": ["controller.", "controller="],
     "mppi-belief run the": ["theta="],
     "mppi-belief run -m seed=1,2 controller=belief work": ["workers="],

@@ -33,6 +33,7 @@ class Bent:
     G2: float = mb.number(0.0)
     c1: float = mb.number(1.0)
     c2: float = mb.number(0.0)
+    sigma0: float = mb.number(0.5)
     sigma2: float = mb.number(0.0)
     noise_convention: str = mb.choice("intensity", "sample")
 
@@ -50,7 +51,7 @@ class Bent:
         return self.c1 * x + self.c2 * x**2
 
     def sigma_o(self, x: Array) -> Array:
-        return jnp.reshape(0.5 + self.sigma2 * x**2, (1, 1))
+        return jnp.reshape(self.sigma0 + self.sigma2 * x**2, (1, 1))
 
     def position(self, x: Array) -> Array:
         return x
@@ -75,7 +76,7 @@ class Risky:
 
 
 def found(problem: mb.Problem, temperature: float = 0.6, theta: float = 0.5) -> Certificate:
-    return what_holds(problem, mb.EKF(), Risky(0.5, theta), temperature, seed=0, name="mine")
+    return what_holds(problem, mb.EKF(), Risky(0.5, theta), temperature, seed=0, name="mine", settings="system=mine")
 
 
 def broken(certificate: Certificate) -> set[int]:
@@ -169,8 +170,13 @@ def test_a_trial_that_diverges_is_one_line():
         found(bent(f2=1e200))
 
 
+def test_a_singular_sensor_is_one_line():
+    with pytest.raises(ConfigError, match="is sigma_o singular"):
+        found(replace(bent(), system=replace(bent().system, sigma0=0.0)))
+
+
 def test_a_controller_without_risk_has_no_expansion_to_check():
-    made = what_holds(Scalar().problem(), mb.EKF(), Feedback(0.5), 0.6, seed=0, name="mine")
+    made = what_holds(Scalar().problem(), mb.EKF(), Feedback(0.5), 0.6, seed=0, name="mine", settings="system=mine")
     assert len(made.checks) == EXPANSION
 
 
@@ -190,9 +196,9 @@ def test_the_light_dark_system_is_affine_with_noise_that_is_not_constant():
 def test_the_command_says_and_writes_it(tmp_path, capsys):
     said = call(tmp_path, capsys, "verify", "system=scalar_linear", "controller=lqg", "problem.steps=4")
     assert said.code == 0, said.err
-    assert "What holds for system=scalar_linear" in said.out
+    assert "What holds for system=scalar_linear, controller=lqg, problem.steps=4" in said.out
     assert "exact for the mean's equation (12)" in said.out
-    assert (tmp_path / "outputs" / "verify" / "systems" / "scalar_linear.md").is_file()
+    assert (tmp_path / "outputs" / "verify" / "systems" / "scalar_linear-lqg.md").is_file()
 
 
 def test_a_system_that_cannot_be_built_is_one_line(tmp_path, capsys):

@@ -1,5 +1,7 @@
 """Certificates on the terminal, as files and on the page."""
 
+import json
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -43,7 +45,7 @@ def test_a_file_that_is_no_certificate_counts_as_missing(tmp_path, content):
 
 
 def test_the_terminal_shows_every_number_with_its_band_and_verdict(tmp_path, capsys):
-    assert theory.show(stored(made()), tmp_path)
+    assert theory.show(stored(made()), stored(made()), tmp_path)
     lines = capsys.readouterr().out.splitlines()
     assert lines[0] == "Statement of cole_hopf  (1.2 s)"
     assert lines[1].split() == ["residual", "1e-13", "≤", "1e-12", "holds"]
@@ -52,18 +54,21 @@ def test_the_terminal_shows_every_number_with_its_band_and_verdict(tmp_path, cap
 
 
 def test_a_failure_is_told_and_returned(tmp_path, capsys):
-    assert not theory.show(stored(made(), made("feynman_kac", value=1.0)), tmp_path)
+    two = stored(made(), made("feynman_kac", value=1.0))
+    assert not theory.show(two, two, tmp_path)
     said = capsys.readouterr().out
     assert said.count("FAILS") == 1
     assert "1 of 2 certificates hold" in said
 
 
 def test_the_files_have_the_full_numbers_and_the_figures(tmp_path):
-    theory.show(stored(made(value=0.1 + 0.2)), tmp_path)
+    both = stored(made(value=0.1 + 0.2), made("feynman_kac"))
+    theory.show(both[:1], both, tmp_path)
     numbers = pd.read_csv(tmp_path / "certificates.csv")
     assert numbers["value"][0] == 0.1 + 0.2
-    assert list(numbers["holds"]) == [False, True]
-    assert "| residual | 0.3 | ≤ 1e-12 | rounding | FAILS |" in (tmp_path / "certificates.md").read_text()
+    assert list(numbers["holds"]) == [False, True, True, True]
+    assert not (tmp_path / "feynman_kac.png").exists()
+    assert "| residual | 0.3 | ≤ 1e-12 | FAILS | rounding |" in (tmp_path / "certificates.md").read_text()
     assert (tmp_path / "cole_hopf.png").read_bytes()[:4] == b"\x89PNG"
     assert (tmp_path / "cole_hopf.pdf").is_file()
 
@@ -72,7 +77,8 @@ def test_the_page_has_an_overview_and_a_section_for_each(tmp_path):
     first, one, other = theory.sections(stored(made(), made("feynman_kac", value=1.0, panels=0)), tmp_path)
     assert list(first.tables[0].frame["Verdict"]) == ["holds", "FAILS"]
     assert list(first.tables[0].frame["Hold"]) == ["2", "1"]
-    assert "4a7f400, seed 7" in first.text[0]
+    assert theory.provenance(stored(made())) == [("certificates", "4a7f400, seed 7")]
+    assert theory.provenance([]) == []
     assert one.title == "Statement of cole_hopf"
     assert [picture.file for picture in one.pictures] == ["theory_cole_hopf.png"]
     assert one.tables[0].bold == []
@@ -104,3 +110,28 @@ def test_what_holds_for_a_system_is_written_beside(tmp_path, capsys):
     assert "What mine covers." in said
     assert "does not hold" in (tmp_path / "mine.md").read_text()
     assert list(pd.read_csv(tmp_path / "mine.csv")["holds"]) == [False, True]
+
+
+def test_what_should_be_known_before_trusting_them():
+    good, bad = made(), made("feynman_kac", value=1.0)
+    assert theory.warnings(stored(good)) == []
+    assert theory.warnings(stored(good, bad)) == ["Statement of feynman_kac does not hold."]
+    changed = [Stored(good, 1.0, SOURCE | {"dirty": True}), Stored(good, 1.0, SOURCE | {"commit": "0000000"})]
+    assert [line.split()[0] for line in theory.warnings(changed)] == ["Some", "The"]
+
+
+def test_a_curve_with_a_hole_is_drawn_after_it_was_stored(tmp_path):
+    hole = [0.5, float("nan"), 1.0]
+    panel = Panel("t", "x", "y", [Line("band", [1, 2, 3], hole, "line", hole, [2, 2, float("inf")])])
+    store(tmp_path, Stored(made()._replace(panels=[panel]), 1.0, SOURCE))
+    (found,) = load(tmp_path)
+    assert np.isnan(found.certificate.panels[0].lines[0].y[1])
+    certificate_figure(found.certificate.panels).savefig(tmp_path / "drawn.png")
+
+
+@pytest.mark.parametrize("change", [{"source": None}, {"seconds": None}, {"source": [1]}])
+def test_a_certificate_without_its_origin_counts_as_missing(tmp_path, change):
+    store(tmp_path, stored(made())[0])
+    path = tmp_path / "cole_hopf.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | change))
+    assert load(tmp_path) == []

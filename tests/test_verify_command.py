@@ -2,13 +2,15 @@
 
 import json
 import os
+import signal
+import time
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 
 import pytest
 
-from cli_helpers import Said, call, files_in
+from cli_helpers import Said, call, files_in, started
 from mppi_belief.certificate import NAMES, Certificate, at_most
 from mppi_belief.study.certificates import Stored, load, store
 from mppi_belief.verify import runner
@@ -34,7 +36,7 @@ def instant(monkeypatch) -> list[tuple]:
     def certify_all(names, seed, workers, initializer) -> Iterator[runner.Done]:
         calls.append((tuple(names), seed, workers))
         for name in reversed(names):
-            yield runner.Done(made(name, 2.0 if seed == 13 and name == names[-1] else 0.0), 0.5)
+            yield runner.Done(name, made(name, 2.0 if seed == 13 and name == names[-1] else 0.0), "", 0.5)
 
     monkeypatch.setattr(runner, "certify_all", certify_all)
     return calls
@@ -84,6 +86,8 @@ def test_some_of_them_leave_the_others_alone(verify, instant, tmp_path):
         (["seed=-1"], "seed=-1: must be at least 0"),
         (["-m", "theta=0,1"], "verify: one system at a time"),
         (["verify_dir="], "verify_dir: must name a folder"),
+        (["cole_hopf", "seed=1", "theta=0"], "verify: either certificates or a system, not 'cole_hopf' with 'theta=0'"),
+        (["--config-dir", "."], "verify: --config-dir is for a system; name it with system=NAME"),
     ],
 )
 def test_a_mistake_is_one_line(verify, instant, args, complaint):
@@ -117,16 +121,79 @@ def test_a_real_one_in_a_process_of_its_own(verify, tmp_path):
     assert stored["source"]["versions"]["jax"]
 
 
-def test_what_a_certificate_raises_is_a_check_that_fails():
-    certificate = runner.certify("not_there", 0).certificate
-    assert not certificate.holds
-    assert "ModuleNotFoundError" in certificate.checks[0].computed
+def test_what_a_certificate_raises_is_said():
+    done = runner.certify("not_there", 0)
+    assert done.certificate is None
+    assert done.error.startswith("ModuleNotFoundError: No module named")
 
 
-def test_a_process_that_dies_is_a_check_that_fails():
+def test_a_process_that_always_dies_is_given_up():
     (done,) = runner.certify_all([CHEAP], 0, 1, partial(os._exit, 3))
-    assert not done.certificate.holds
-    assert "BrokenProcessPool" in done.certificate.checks[0].computed
+    assert (done.name, done.certificate) == (CHEAP, None)
+    assert "died twice" in done.error
+
+
+def die_once(marker: str) -> None:
+    """The first process that starts ends at once."""
+    if not Path(marker).exists():
+        Path(marker).write_text("")
+        os._exit(3)
+
+
+def test_a_process_that_dies_once_takes_nothing_with_it(tmp_path):
+    marker = str(tmp_path / "died")
+    found = list(runner.certify_all([CHEAP, "cole_hopf"], 0, 2, partial(die_once, marker)))
+    assert {done.name for done in found} == {CHEAP, "cole_hopf"}
+    assert all(done.certificate is not None and done.certificate.holds for done in found)
+
+
+def test_what_could_not_be_computed_leaves_what_was_stored(verify, instant, tmp_path, monkeypatch):
+    verify("verify_dir=here")
+    before = (tmp_path / "here" / "cole_hopf.json").read_bytes()
+
+    def certify_all(names, *rest) -> Iterator[runner.Done]:
+        yield runner.Done("cole_hopf", None, "ValueError: no", 0.1)
+        yield runner.Done("feynman_kac", made("feynman_kac"), "", 0.1)
+
+    monkeypatch.setattr(runner, "certify_all", certify_all)
+    said = verify("cole_hopf", "feynman_kac", "verify_dir=here")
+    assert said.code == 1
+    assert "cole_hopf could not be computed: ValueError: no" in said.err
+    assert "1 of 1 certificates hold" in said.out
+    assert (tmp_path / "here" / "cole_hopf.json").read_bytes() == before
+
+
+def test_a_name_given_twice_is_computed_once(verify, instant):
+    verify("cole_hopf", "cole_hopf")
+    assert instant[-1][0] == ("cole_hopf",)
+
+
+@pytest.mark.parametrize("args", [["--cfg", "job"], ["--info", "defaults"]])
+def test_questions_to_hydra_are_answered(verify, instant, args):
+    said = verify(*args)
+    assert (said.code, instant) == (0, [])
+    assert "controller" in said.out
+
+
+def is_gone(group: int) -> bool:
+    """Whether all processes of a group end within ten seconds."""
+    for _ in range(100):
+        try:
+            os.killpg(group, 0)
+        except ProcessLookupError:
+            return True
+        time.sleep(0.1)
+    return False
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_signal_ends_it_with_one_word(tmp_path, number, code):
+    with started(tmp_path, "verify", "belief_dynamics") as process:
+        time.sleep(6)  # it computes by now
+        process.send_signal(number)
+        assert process.wait(30) == code
+        assert is_gone(process.pid)
+    assert (tmp_path / "stderr.txt").read_text().splitlines()[-1] == "mppi-belief: stopped"
 
 
 def report(tmp_path: Path, capsys: pytest.CaptureFixture[str], *args: str) -> Said:

@@ -1,12 +1,14 @@
 """What a certificate says: a statement of the paper, the numbers that test it, and where each band comes from.
 
-A band is derived, never tuned. Three sources are written here once:
+A band is derived, never tuned. Three ways to derive one are written here once:
 
 * rounding: a number of operations times the machine epsilon times the size of what is rounded;
 * Monte Carlo: a quantile of Student's t for a chance of `FALSE_ALARM` that a true statement fails the check,
   shared among the points that the check looks at;
 * discretisation: errors e(h) = C h^p (1 + c h + ...) have the observed order p + O(h): halving h brings it nearer to
   p by about as much as is then left, so it must lie within twice its last change, and nearer than before.
+
+Other bands are bounds that a certificate proves itself, or tolerances that a solver was asked for.
 """
 
 import math
@@ -14,7 +16,6 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.stats import t as student_t
 
 NAMES = (
     "affine_observations",
@@ -121,6 +122,8 @@ def rounding(computed: str, error: float, operations: float, scale: float = 1.0)
 def quantile(points: int = 1, degrees: float = math.inf) -> float:
     """How many standard errors a true statement stays within at all of `points` points, but for `FALSE_ALARM`;
     `degrees` of freedom if the standard error was itself estimated."""
+    from scipy.stats import t as student_t  # a second to import, and the command line needs but the names
+
     return float(student_t.isf(FALSE_ALARM / (2 * points), degrees))
 
 
@@ -174,7 +177,7 @@ def from_dict(stored: Mapping[str, Any]) -> Certificate:
         Check(c["computed"], _number(c["value"]), _bound(c["low"], -1), _bound(c["high"], 1), c["derived"])
         for c in stored["checks"]
     ]
-    panels = [Panel(**{**panel, "lines": [Line(**line) for line in panel["lines"]]}) for panel in stored["panels"]]
+    panels = [Panel(**{**panel, "lines": [_line(line) for line in panel["lines"]]}) for panel in stored["panels"]]
     return Certificate(**{**stored, "checks": checks, "panels": panels})
 
 
@@ -187,6 +190,14 @@ def _plain(value: Any) -> Any:
     if isinstance(value, str) or value is None:
         return value
     return float(value) if math.isfinite(value) else None
+
+
+def _line(stored: Mapping[str, Any]) -> Line:
+    curves = {
+        name: None if stored[name] is None else [_number(value) for value in stored[name]]
+        for name in ("x", "y", "low", "high")
+    }
+    return Line(**{**stored, **curves})
 
 
 def _number(value: float | None) -> float:

@@ -1,11 +1,15 @@
 """The command line: `mppi-belief run`, `report`, `verify`."""
 
+import contextlib
+import io
 import os
+import signal
 import sys
 import time
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
+from types import FrameType
 from typing import Any
 
 from . import __version__, usage
@@ -13,7 +17,7 @@ from .composing import RUNTIME_KEYS, collect, compose, parse
 from .settings import ConfigError, unknown_key
 from .study.signals import held
 
-NOT_HELD, INPUT_ERROR, SOME_FAILED, CANNOT_WRITE, STOPPED = 1, 2, 3, 74, 130
+NOT_HELD, INPUT_ERROR, SOME_FAILED, CANNOT_WRITE, CUT_OFF = 1, 2, 3, 74, 141
 COMMANDS = ("run", "report", "verify")
 FIRST_WORDS = (*COMMANDS, "--help", "--version")
 
@@ -21,6 +25,8 @@ FIRST_WORDS = (*COMMANDS, "--help", "--version")
 def main() -> int:
     """Entry point of the `mppi-belief` command; returns its exit code."""
     args = sys.argv[1:]
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="replace")  # Greek letters on a terminal that has none
     if any(arg in ("-sc", "--shell-completion") for arg in args):
         return _guarded(lambda: _complete(args))
     if not args or args[0] in ("-h", "--help"):
@@ -33,9 +39,9 @@ def main() -> int:
         with held():
             return _guarded(lambda: run(args[1:]))
     if args[0] == "report":
-        return _guarded(lambda: report(args[1:]))
+        return _guarded(lambda: _stoppable(lambda: report(args[1:])))
     if args[0] == "verify":
-        return _guarded(lambda: verify(args[1:]))
+        return _guarded(lambda: _stoppable(lambda: verify(args[1:])))
     guess = f"; did you mean `mppi-belief run {' '.join(args)}`?" if "=" in args[0] or args[0].startswith("-") else ""
     return _complain(f"unknown command '{args[0]}'{guess or '; see mppi-belief --help'}", INPUT_ERROR)
 
@@ -46,9 +52,27 @@ def _guarded(command: Callable[[], int]) -> int:
         return command()
     except ConfigError as error:
         return _complain(str(error), INPUT_ERROR)
+    except BrokenPipeError:  # the reader of our output went away; nothing is left to tell
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return CUT_OFF
     except OSError as error:
         where = f": {error.filename}" if error.filename else ""
         return _complain(f"cannot write results: {error.strerror or error}{where}", CANNOT_WRITE)
+
+
+def _stoppable(command: Callable[[], int]) -> int:
+    """Run a command that keeps nothing half done: Ctrl-C or SIGTERM ends it with one word and 128 + signal."""
+
+    def stop(number: int, frame: FrameType | None) -> None:
+        raise KeyboardInterrupt(number)
+
+    before = signal.signal(signal.SIGTERM, stop)
+    try:
+        return command()
+    except KeyboardInterrupt as stopped:
+        return _complain("stopped", 128 + (stopped.args[0] if stopped.args else signal.SIGINT))
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def _complain(line: str, code: int) -> int:
@@ -107,9 +131,9 @@ def verify(args: Sequence[str]) -> int:
     if any(arg in ("-h", "--help") for arg in args):
         print(usage.VERIFY.format(names=" ".join(NAMES)), end="")
         return 0
-    flags, words, _ = parse(args)
-    names = [word for word in words if "=" not in word]
-    overrides = [word for word in words if "=" in word]
+    flags, words, folders = parse(args)
+    overrides = [word for word in words if "=" in word or word[0] in "+~"]
+    names = list(dict.fromkeys(word for word in words if word not in overrides))
     for name in names:
         if name not in NAMES:
             raise ConfigError(unknown_key(name, NAMES, what="certificate", see="mppi-belief verify --help"))
@@ -118,17 +142,22 @@ def verify(args: Sequence[str]) -> int:
         return 0
     if len(configs) > 1:
         raise ConfigError("verify: one system at a time")
-    about_system = any(word.partition("=")[0] not in ("seed", *RUNTIME_KEYS) for word in overrides)
+    about_system = [word for word in overrides if _key(word) not in ("seed", "precision", *RUNTIME_KEYS)]
     if about_system and names:
-        raise ConfigError(f"verify: either certificates or a system, not '{names[0]}' with '{overrides[0]}'")
+        raise ConfigError(f"verify: either certificates or a system, not '{names[0]}' with '{about_system[0]}'")
+    if folders and not about_system:
+        raise ConfigError("verify: --config-dir is for a system; name it with system=NAME")
     from .study import environment
 
     environment.prepare()
     command = ["mppi-belief", "verify", *args]
-    try:
-        return _what_holds(configs[0], args, command) if about_system else _certify(configs[0], names or NAMES, command)
-    except KeyboardInterrupt:
-        return _complain("stopped", STOPPED)
+    if about_system:
+        return _what_holds(configs[0], about_system, folders, command)
+    return _certify(configs[0], names or NAMES, command)
+
+
+def _key(override: str) -> str:
+    return override.lstrip("+~").partition("=")[0]
 
 
 def _certify(config: dict[str, Any], names: Sequence[str], command: list[str]) -> int:
@@ -139,30 +168,42 @@ def _certify(config: dict[str, Any], names: Sequence[str], command: list[str]) -
     from .study.certificates import Stored, load, store
     from .study.pool import start_worker
     from .study.provenance import provenance
+    from .study.results import probe
     from .verify.runner import certify_all
 
-    folder = Path(config["verify_dir"])
+    folder, lost = Path(config["verify_dir"]), []
+    probe(folder)
     source = provenance(command) | {"seed": config["seed"]}
-    done = certify_all(names, config["seed"], config["workers"], partial(start_worker, []))
-    for one in tqdm(done, total=len(names), unit="certificate", disable=None):
-        store(folder, Stored(one.certificate, one.seconds, source))
-    return 0 if show(load(folder, names), folder) else NOT_HELD
+    with contextlib.closing(certify_all(names, config["seed"], config["workers"], partial(start_worker, []))) as done:
+        for one in tqdm(done, total=len(names), unit="certificate", disable=None):
+            if one.certificate is None:
+                lost.append(one.name)
+                tqdm.write(f"{one.name} could not be computed: {one.error}", file=sys.stderr)
+            else:
+                store(folder, Stored(one.certificate, one.seconds, source))
+    held = show(load(folder, [name for name in names if name not in lost]), load(folder), folder)
+    return 0 if held and not lost else NOT_HELD
 
 
-def _what_holds(config: dict[str, Any], args: Sequence[str], command: list[str]) -> int:
+def _what_holds(config: dict[str, Any], overrides: Sequence[str], folders: Sequence[str], command: list[str]) -> int:
     """Say which statements hold for the system of one configuration."""
     from .experiment import build, check
     from .report.theory import show_system
     from .study.certificates import Stored, store
     from .study.provenance import provenance
+    from .study.results import probe
     from .verify.own_system import what_holds
 
-    sys.path[:0] = [str(Path(folder).resolve()) for folder in parse(args)[2]]
+    folder = Path(config["verify_dir"]) / "systems"
+    probe(folder)
+    sys.path[:0] = [str(Path(place).resolve()) for place in folders]
     check(config)
     began = time.perf_counter()
-    temperature, name = config["planner"]["temperature"], config["names"]["system"]
-    made = what_holds(*build(config), temperature, config["seed"], name)
-    folder = Path(config["verify_dir"]) / "systems"
+    chosen = {group: config["names"][group] for group in ("system", "controller")}
+    others = [word for word in overrides if _key(word) not in chosen]
+    settings = ", ".join([*(f"{group}={name}" for group, name in chosen.items()), *others])
+    temperature, name = config["planner"]["temperature"], "-".join(chosen.values())
+    made = what_holds(*build(config), temperature, config["seed"], name, settings)
     store(folder, Stored(made, time.perf_counter() - began, provenance(command) | {"seed": config["seed"]}))
     show_system(made, folder)
     return 0
@@ -187,6 +228,19 @@ def _complete(args: Sequence[str]) -> int:
         if len(words) < 2 or (len(words) == 2 and words[1] not in COMMANDS and not line.endswith(" ")):
             print(" ".join(word for word in FIRST_WORDS if len(words) < 2 or word.startswith(words[1])))
             return 0
+        if words[1] == "verify":
+            line = _complete_certificates(line, words)
         os.environ["COMP_LINE"] = line.replace(f" {words[1]}", "", 1)
     compose(args, lambda config: None)
     return 0
+
+
+def _complete_certificates(line: str, words: Sequence[str]) -> str:
+    """Print the certificates that the last word begins; the line without those that are there, for Hydra."""
+    from .certificate import NAMES
+
+    begun = "" if line.endswith(" ") else words[-1]
+    print(*(name for name in NAMES if name.startswith(begun) and name not in words), sep="\n")
+    for name in {*NAMES}.intersection(words):
+        line = line.replace(f" {name}", "")
+    return line

@@ -67,6 +67,10 @@ def parse(args: Sequence[str]) -> tuple[list[str], list[str], list[str]]:
             flags.append(arg)
         elif arg in ("-m", "--multirun"):
             flags.append(arg)
+        elif arg in ("--cfg", "-c", "--info", "-i", "--package", "-p") and left and "=" not in left[0]:
+            flags += [arg, left.pop(0)]
+        elif arg.startswith("-"):
+            flags.append(arg)
         else:
             words.append(arg)
     return flags, words, folders

@@ -39,6 +39,6 @@ must lie in, and writes them with their figures into verify_dir. Without a name,
 The second says which statements hold for the system that KEY=VALUE describe (as for run), along the
 belief of its trial 0: mppi-belief verify system=light_dark, or --config-dir mine system=mine.
 
-Exit codes: 0 every certificate holds (or the second form was asked for), 1 one does not, 2 bad input,
-74 the results cannot be written, 130 stopped.
+Exit codes: 0 every certificate holds (or the second form was asked for), 1 one does not or could not be
+computed, 2 bad input, 74 the results cannot be written, 130 or 143 stopped by a signal.
 """

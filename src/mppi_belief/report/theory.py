@@ -16,13 +16,15 @@ from .page import Section, Table
 HOLDS, FAILS, DOES_NOT = "holds", "FAILS", "does not hold"
 
 
-def show(stored: Sequence[Stored], folder: Path) -> bool:
-    """Print certificates, write their table and their figures into `folder`; whether all hold."""
-    for one in stored:
+def show(chosen: Sequence[Stored], stored: Sequence[Stored], folder: Path) -> bool:
+    """Print the chosen certificates and draw their figures into `folder`, with a table of all that are stored there;
+    whether the chosen ones hold."""
+    for one in chosen:
         _print(one.certificate, f"{one.seconds:.1f} s", FAILS)
         picture(folder, one.certificate.name, figures.certificate_figure(one.certificate.panels), "")
-    certificates = [one.certificate for one in stored]
-    write_frame(folder, "certificates", _checks(certificates, FAILS), _numbers(certificates))
+    everything = [one.certificate for one in stored]
+    write_frame(folder, "certificates", _checks(everything, FAILS), _numbers(everything))
+    certificates = [one.certificate for one in chosen]
     held = [one for one in certificates if one.holds]
     checks = sum(len(one.checks) for one in certificates)
     print(f"{len(held)} of {len(certificates)} certificates hold, {checks} checks; {folder / 'certificates.md'}")
@@ -64,8 +66,8 @@ def _checks(certificates: Sequence[Certificate], fails: str) -> pd.DataFrame:
                 "Computed": check.computed,
                 "Value": _value(check),
                 "Band": check.band,
-                "Where the band comes from": check.derived,
                 "Verdict": _verdict(check, fails),
+                "Where the band comes from": check.derived,
             }
             for one in certificates
             for check in one.checks
@@ -84,6 +86,22 @@ def _numbers(certificates: Sequence[Certificate]) -> pd.DataFrame:
     )
 
 
+def provenance(stored: Sequence[Stored]) -> list[tuple[str, str]]:
+    """Where the certificates come from, for the end of the page."""
+    origins = sorted({f"{commit(one.source)}, seed {one.source.get('seed')}" for one in stored})
+    return [("certificates", "; ".join(origins))] if origins else []
+
+
+def warnings(stored: Sequence[Stored]) -> list[str]:
+    """What should keep a reader from trusting the certificates; one line each."""
+    lines = [f"{one.certificate.statement} does not hold." for one in stored if not one.certificate.holds]
+    if any(one.source.get("dirty") for one in stored):
+        lines.append("Some certificates were computed from a checkout with uncommitted changes.")
+    if len({commit(one.source) for one in stored}) > 1:
+        lines.append("The certificates come from different commits.")
+    return lines
+
+
 def sections(stored: Sequence[Stored], folder: Path) -> list[Section]:
     """The theory part of the page: an overview, and a section for every certificate that has figures."""
     if not stored:
@@ -98,10 +116,9 @@ def sections(stored: Sequence[Stored], folder: Path) -> list[Section]:
         }
     )
     write_frame(folder, "theory", overview, _numbers(certificates))
-    origin = sorted({f"{commit(one.source)}, seed {one.source.get('seed')}" for one in stored})
     said = (
         "Every statement of the paper as numbers with the bands they must lie in, derived from rounding, from the "
-        f"order of a scheme or from a standard error. Computed by `mppi-belief verify` at {'; '.join(origin)}."
+        "order of a scheme, from a standard error or from a bound. Computed by `mppi-belief verify`."
     )
     first = Section("Theory", [said], [Table("theory", "Certificates", overview)])
     return [first, *(_section(one, folder) for one in certificates)]
@@ -109,8 +126,8 @@ def sections(stored: Sequence[Stored], folder: Path) -> list[Section]:
 
 def _section(one: Certificate, folder: Path) -> Section:
     frame = _checks([one], FAILS).drop(columns="Statement")
-    last = len(frame.columns) - 1
-    bold = [(row, last) for row, check in enumerate(one.checks) if not check.holds]
+    verdict = list(frame.columns).index("Verdict")
+    bold = [(row, verdict) for row, check in enumerate(one.checks) if not check.holds]
     made = table(folder, f"theory_{one.name}", "Checks", frame)._replace(bold=bold)
     alt = "; ".join(panel.title for panel in one.panels)
     drawn = picture(folder, f"theory_{one.name}", figures.certificate_figure(one.panels), alt)

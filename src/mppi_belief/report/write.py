@@ -38,8 +38,10 @@ def report(studies: dict[str, list[Cell]], verify_dir: Path | None, folder: Path
         print(table_1(found["table_1"]).to_string(index=False))
     lines = missing_lines(found, overrides)
     if verify_dir is not None and len(certificates) < len(NAMES):
-        lines.append(f"missing: {len(NAMES) - len(certificates)} of {len(NAMES)} certificates; mppi-belief verify")
-    for line in [*complaints, *lines]:
+        chosen = [word for word in overrides if word.partition("=")[0] in ("seed", "workers", "verify_dir")]
+        command = shlex.join(["mppi-belief", "verify", *chosen])
+        lines.append(f"missing: {len(NAMES) - len(certificates)} of {len(NAMES)} certificates; {command}")
+    for line in [*complaints, *theory.warnings(certificates), *lines]:
         print(line)
     print(f"report: {page}")
     return not lines
@@ -54,7 +56,8 @@ def write_report(studies: Studies, certificates: Sequence[Stored], folder: Path,
     folder.mkdir(parents=True, exist_ok=True)
     founds: list[Found] = list({one.cell.id: one for founds in studies.values() for one in founds}.values())
     shown = [*sections(studies, folder), *theory.sections(certificates, folder)]
-    page = Page(TITLE, LEAD, [*warnings(founds), *complaints], shown, provenance(founds))
+    warned = [*warnings(founds), *theory.warnings(certificates), *complaints]
+    page = Page(TITLE, LEAD, warned, shown, [*provenance(founds), *theory.provenance(certificates)])
     write_text(folder / PAGE, render(page, folder))
     return folder / PAGE
 

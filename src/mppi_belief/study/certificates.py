@@ -28,7 +28,9 @@ def load(folder: Path, names: Sequence[str] = NAMES) -> list[Stored]:
     for name in names:
         content = read_json(folder, name)
         try:
-            found.append(Stored(from_dict(content["certificate"]), content["seconds"], content["source"]))
+            one = Stored(from_dict(content["certificate"]), float(content["seconds"]), dict(content["source"]))
         except (KeyError, TypeError, ValueError):
             continue  # not there, or not a certificate: it counts as missing
+        if one.certificate.name == name:
+            found.append(one)
     return found

@@ -40,13 +40,14 @@ class _Path(NamedTuple):
 
 
 def what_holds(
-    problem: Problem, filter: Filter, controller: Controller, temperature: float, seed: int, name: str
+    problem: Problem, filter: Filter, controller: Controller, temperature: float, seed: int, name: str, settings: str
 ) -> Certificate:
     """The conditions of each statement for `problem`, along the belief of trial 0 of `controller`, in double precision.
 
     lambda of (15) is the controller's temperature or, if it has none, `temperature`; theta and the risk of Remark 4 are
     the controller's. A check that does not hold is no error: the statement does not apply, and what is planned is an
-    approximation. Raises `ConfigError` if the trial diverges.
+    approximation. `name` is the certificate's and `settings` what its statement says it is of. Raises `ConfigError` if
+    the trial diverges.
     """
     with jax.enable_x64(True):
         path = _follow(problem, filter, controller, seed)
@@ -54,7 +55,7 @@ def what_holds(
         matched, matching = _matched(problem, path, float(getattr(controller, "temperature", temperature)))
         checks = [*exact, *matched, *_expansion(problem, path, controller)]
     gaussian = all(check.holds for check in exact)
-    title = f"What holds for system={name}, along the belief of trial 0"
+    title = f"What holds for {settings}, along the belief of trial 0"
     return Certificate(name, title, f"{EXACT if gaussian else APPROXIMATE} {matching}", checks)
 
 
@@ -63,7 +64,10 @@ def _follow(problem: Problem, filter: Filter, controller: Controller, seed: int)
     means = trial.beliefs.mean
     if not (jnp.all(jnp.isfinite(means)) and jnp.all(jnp.isfinite(trial.controls))):
         raise ConfigError("verify: trial 0 of this system and controller diverges; nothing can be said along it")
-    return _Path(_along(problem, trial.controls, means), trial.controls)
+    schedule = _along(problem, trial.controls, means)
+    if not all(jnp.all(jnp.isfinite(part)) for part in schedule):
+        raise ConfigError("verify: the covariance along trial 0 is not finite; is sigma_o singular?")
+    return _Path(schedule, trial.controls)
 
 
 @jax.jit

@@ -2,49 +2,65 @@
 
 import multiprocessing
 import time
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from collections.abc import Callable, Generator, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
 from importlib import import_module
 from typing import NamedTuple
 
 import jax
 
-from ..certificate import Certificate, Check
+from ..certificate import Certificate
 
 
 class Done(NamedTuple):
-    """A certificate and the seconds it took."""
+    """The certificate of one module, or the error in one line that kept it from being computed; and the seconds."""
 
-    certificate: Certificate
+    name: str
+    certificate: Certificate | None
+    error: str
     seconds: float
 
 
 def certify(name: str, seed: int) -> Done:
-    """Compute the certificate of one module of `mppi_belief.verify`, in double precision.
-
-    What it raises becomes a check that fails.
-    """
+    """Compute the certificate of one module of `mppi_belief.verify`, in double precision."""
     began = time.perf_counter()
     try:
         with jax.enable_x64(True):
             made = import_module(f"mppi_belief.verify.{name}").certify(seed)
     except Exception as error:
-        made = _failed(name, error)
-    return Done(made, time.perf_counter() - began)
+        return _lost(name, error, time.perf_counter() - began)
+    return Done(name, made, "", time.perf_counter() - began)
 
 
-def certify_all(names: Sequence[str], seed: int, workers: int, initializer: Callable[[], object]) -> Iterator[Done]:
-    """Yield every certificate of `names` as it is done; `initializer` starts each of the `workers` processes.
+def certify_all(names: Sequence[str], seed: int, workers: int, initializer: Callable[[], object]) -> Generator[Done]:
+    """Yield the certificate of every name as it is done; `initializer` starts each of the `workers` processes.
 
-    A caller that stops early ends the processes.
+    Where a process dies, those that were under way are computed once more, each in a process of its own. A caller
+    that stops early ends the processes.
     """
+    suspects = []
+    for name, done in _in_pool(names, seed, workers, initializer):
+        if done is None:
+            suspects.append(name)
+        else:
+            yield done
+    for suspect in suspects:
+        for name, done in _in_pool([suspect], seed, 1, initializer):
+            yield done or _lost(name, BrokenProcessPool("the process died twice"), 0.0)
+
+
+def _in_pool(
+    names: Sequence[str], seed: int, workers: int, initializer: Callable[[], object]
+) -> Generator[tuple[str, Done | None]]:
+    """Each name with what came of it, None where its process died."""
     context = multiprocessing.get_context("spawn")
     pool = ProcessPoolExecutor(min(workers, len(names)), context, initializer=initializer)
     try:
-        waiting = {pool.submit(certify, name, seed): name for name in names}
+        waiting: dict[Future[Done], str] = {pool.submit(certify, name, seed): name for name in names}
         for future in as_completed(waiting):
-            error = future.exception()
-            yield future.result() if error is None else Done(_failed(waiting[future], error), 0.0)
+            died = isinstance(future.exception(), BrokenProcessPool)
+            yield waiting[future], None if died else future.result()
     except BaseException:
         for process in multiprocessing.active_children():
             process.kill()
@@ -53,7 +69,6 @@ def certify_all(names: Sequence[str], seed: int, workers: int, initializer: Call
         pool.shutdown(cancel_futures=True)
 
 
-def _failed(name: str, error: BaseException) -> Certificate:
+def _lost(name: str, error: Exception, seconds: float) -> Done:
     line = next(iter(str(error).splitlines()), "")
-    raised = Check(f"{type(error).__name__}: {line}", float("nan"), 0.0, 0.0, "it must not raise")
-    return Certificate(name, name, "The certificate could not be computed.", [raised])
+    return Done(name, None, f"{type(error).__name__}: {line}", seconds)

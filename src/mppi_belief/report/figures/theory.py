@@ -9,6 +9,7 @@ import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from ...certificate import Line, Panel
@@ -32,7 +33,8 @@ def certificate_figure(panels: Sequence[Panel]) -> Figure | None:
     rows = -(-len(panels) // columns)
     height = 2.9 if any(_is_crowded(panel) for panel in panels) else 2.4  # inches
     with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(columns * COLUMN * 0.95, rows * height), layout="constrained")
+        engine = ConstrainedLayoutEngine(w_pad=0.06, h_pad=0.08)
+        figure = Figure(figsize=(columns * COLUMN * 0.95, rows * height), layout=engine)
         axes = figure.subplots(rows, columns, squeeze=False).ravel()
         for at, panel in zip(axes, panels, strict=False):
             _draw(at, panel)
