@@ -64,9 +64,12 @@ format: install  ## format the code
 bench: install  ## time one control step of each controller, into outputs/bench/
 	$(BIN)/python benchmarks/control_step.py $(ARGS)
 
-picture: install  ## what the README shows: 200 trials of MPPI-Belief and of CE-MPPI, one of each animated
+picture: install  ## what README and docs/theory.md show: 200 trials of MPPI-Belief and of CE-MPPI, one of each animated; certificates
 	$(BIN)/mppi-belief run experiment=table_1 controller=belief,ce
 	$(BIN)/python docs/readme_picture.py
+	$(BIN)/mppi-belief verify cole_hopf feynman_kac control_law entropic_risk
+	for name in cole_hopf feynman_kac control_law entropic_risk; do \
+	  cp outputs/verify/$$name.png docs/img/theory_$$name.png; done
 
 clean:  ## remove the environment and caches; results stay
 	rm -rf $(VENV) $(VENV)-solver .mypy_cache .pytest_cache .ruff_cache .hypothesis .import_linter_cache

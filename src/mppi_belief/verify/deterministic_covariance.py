@@ -135,7 +135,7 @@ def limits(schedule: Schedule) -> tuple[list[Check], Panel]:
         at_most(said, max(exact_step), exact.error + rounded, derived),
     ]
     lines = [Line(name, steps, off) for name, off in errors.items()]
-    lines.append(Line("order 1", steps, [errors["Σ"][0] * dt / steps[0] for dt in steps], "dashed"))
+    lines.append(Line("order 1", steps, [1.6 * errors["Σ"][0] * dt / steps[0] for dt in steps], "dashed"))
     return checks, Panel("The discrete filter tends to (8b)(9)", "Δt (s)", "error at T (Frobenius)", lines, "xy")
 
 

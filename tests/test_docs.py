@@ -1,0 +1,34 @@
+"""What the documents point at is there."""
+
+import re
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from mppi_belief.certificate import NAMES
+
+ROOT = Path(__file__).resolve().parents[1]
+DOCUMENTS = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md"), *(ROOT / "experiments").rglob("*.md")])
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: str(path.relative_to(ROOT)))
+def test_relative_links_lead_somewhere(document):
+    for target in re.findall(r"\]\(([^)#]+)(?:#[^)]*)?\)", document.read_text()):
+        if not target.startswith(("http:", "https:", "mailto:")):
+            assert (document.parent / target).exists(), target
+
+
+def test_every_certificate_is_named_wherever_certificates_are():
+    modules = {
+        path.stem for path in (ROOT / "src/mppi_belief/verify").glob("*.py") if "def certify(" in path.read_text()
+    }
+    assert modules - {"runner"} == set(NAMES)
+    contracts = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"]
+    (apart,) = [one for one in contracts if one["name"] == "Certificates do not import each other"]
+    assert set(apart["modules"]) == {f"mppi_belief.verify.{name}" for name in NAMES}
+    theory, paper_map = ((ROOT / "docs" / name).read_text() for name in ("theory.md", "paper_map.md"))
+    for name in NAMES:
+        assert f"| `{name}` |" in theory
+        assert f"`{name}`" in paper_map
+        assert list((ROOT / "tests").glob(f"test_{name}*.py"))
