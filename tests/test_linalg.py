@@ -54,6 +54,15 @@ def test_spd_inverse_of_a_nearly_singular_matrix_stays_definite(seed, log_condit
     assert np.linalg.det(found) >= -4 * eps(np.float32) * np.prod(np.diag(found))
 
 
+@pytest.mark.parametrize("seed", range(20))
+def test_log_det_1p_of_a_large_rank_one_matrix_is_a_number_in_float32(seed):
+    v = 3e3 * np.random.default_rng(seed).normal(size=2)
+    found = linalg.log_det_1p(jnp.asarray(np.outer(v, v), dtype=jnp.float32))
+    # what rounding makes of its determinant, up to eps of the product of two entries, is all that may be added
+    low, slack = np.log1p(v @ v), 4 * eps(np.float32) * np.max(v**2) ** 2
+    assert low - 1e-5 <= found <= np.log1p(v @ v + slack) + 1e-5
+
+
 @pytest.mark.parametrize("n", [1, 2, 3])
 @pytest.mark.parametrize("scale", [1e-30, 1e-9, 1e-4, 1e-2, 1.0, 1e3])
 def test_log_det_1p_is_accurate_in_float32_for_small_and_large(n, scale, rng):

@@ -42,7 +42,8 @@ def log_det_1p(M: Array) -> Array:
     if M.shape[-1] == 1:
         return jnp.log1p(M[0, 0])
     if M.shape[-1] == 2:
-        return jnp.log1p(M[0, 0] + M[1, 1] + M[0, 0] * M[1, 1] - M[0, 1] * M[1, 0])
+        det = M[0, 0] * M[1, 1] - M[0, 1] * M[1, 0]
+        return jnp.log1p(M[0, 0] + M[1, 1] + jnp.maximum(det, 0.0))  # a rank-one M can round to a negative one
     return jnp.sum(jnp.log1p(jnp.linalg.eigvalsh(symmetrise(M))))
 
 
