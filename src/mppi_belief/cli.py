@@ -15,7 +15,7 @@ from typing import Any
 from . import __version__, usage
 from .composing import RUNTIME_KEYS, collect, compose, parse
 from .settings import ConfigError, unknown_key
-from .study.signals import held
+from .study.signals import STOPPING, held
 
 NOT_HELD, INPUT_ERROR, SOME_FAILED, CANNOT_WRITE, CUT_OFF = 1, 2, 3, 74, 141
 COMMANDS = ("run", "report", "verify")
@@ -66,13 +66,14 @@ def _stoppable(command: Callable[[], int]) -> int:
     def stop(number: int, frame: FrameType | None) -> None:
         raise KeyboardInterrupt(number)
 
-    before = signal.signal(signal.SIGTERM, stop)
+    before = {number: signal.signal(number, stop) for number in STOPPING}
     try:
         return command()
     except KeyboardInterrupt as stopped:
         return _complain("stopped", 128 + (stopped.args[0] if stopped.args else signal.SIGINT))
     finally:
-        signal.signal(signal.SIGTERM, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def _complain(line: str, code: int) -> int:
