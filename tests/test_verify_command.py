@@ -3,6 +3,7 @@
 import json
 import os
 import signal
+import subprocess
 import time
 from collections.abc import Callable, Iterator
 from functools import partial
@@ -80,6 +81,7 @@ def test_some_of_them_leave_the_others_alone(verify, instant, tmp_path):
     ("args", "complaint"),
     [
         (["cole_hop"], "unknown certificate 'cole_hop'; did you mean 'cole_hopf'?"),
+        ([""], "unknown certificate ''; see mppi-belief verify --help"),
         (["zzz"], "unknown certificate 'zzz'; see mppi-belief verify --help"),
         (["cole_hopf", "system=light_dark"], "verify: either certificates or a system, not 'cole_hopf' with"),
         (["sede=3"], "unknown key 'sede'; did you mean 'seed'?"),
@@ -217,3 +219,11 @@ def test_a_report_of_chosen_studies_is_of_those_alone(tmp_path, capsys):
     said = report(tmp_path, capsys, "experiment=table_1")
     assert "certificates" not in said.out
     assert "cole_hopf" not in (tmp_path / "outputs" / "report" / "index.html").read_text()
+
+
+def test_a_reader_that_goes_away_is_no_failure_to_write(tmp_path):
+    with started(tmp_path, "verify", CHEAP, stdout=subprocess.PIPE) as process:
+        process.stdout.close()
+        assert process.wait(100) == 141
+    assert "cannot write" not in (tmp_path / "stderr.txt").read_text()
+    assert (tmp_path / "outputs" / "verify" / f"{CHEAP}.json").is_file()

@@ -133,7 +133,7 @@ def verify(args: Sequence[str]) -> int:
         print(usage.VERIFY.format(names=" ".join(NAMES)), end="")
         return 0
     flags, words, folders = parse(args)
-    overrides = [word for word in words if "=" in word or word[0] in "+~"]
+    overrides = [word for word in words if "=" in word or word.startswith(("+", "~"))]
     names = list(dict.fromkeys(word for word in words if word not in overrides))
     for name in names:
         if name not in NAMES:
