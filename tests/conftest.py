@@ -2,11 +2,12 @@
 
 from collections.abc import Iterator
 
+import jax
 import numpy as np
 import pytest
 
 import mppi_belief as mb
-from helpers import Scalar, float64, light_dark_problem
+from helpers import Scalar, float64, light_dark_problem, quick_jit
 
 
 @pytest.fixture
@@ -14,6 +15,12 @@ def x64() -> Iterator[None]:
     """Double precision for one test."""
     with float64():
         yield
+
+
+@pytest.fixture
+def quick_x64(x64, monkeypatch) -> None:
+    """Double precision, and little spent on compiling."""
+    monkeypatch.setattr(jax, "jit", quick_jit)
 
 
 @pytest.fixture

@@ -12,14 +12,12 @@ For D = kappa lambda G R^-1 G' the two gradient terms do not cancel: V of (16) l
 
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 
 from ..certificate import Certificate, Check, Line, Panel, at_most, near, order, rounding
-from ..matching import matched_weight, residual
 from . import pde
-from .matched_problem import Matched, Steady, equation, matched_problem, steady
+from .matched_problem import Matched, Steady, equation, matched_problem, matching_check, steady
 from .numerics import rms
 
 GRIDS = ((280, 20), (560, 40), (1120, 80))  # cells and steps
@@ -114,10 +112,8 @@ def _shared(found: np.ndarray) -> np.ndarray:
 
 
 def _matching(matched: Matched, along: Steady) -> Check:
-    G, W = matched.problem.system.G(jnp.zeros(1)), matched_weight(matched.problem.cost.R, matched.temperature)
-    worst = jnp.max(jax.vmap(residual, (0, None, None))(along.diffusion, G, W))
-    steps = matched.problem.steps  # each solves the Riccati equation by some tens of operations
-    return rounding("largest residual ε of (15) along the gain schedule", float(worst), 100 * steps)
+    said = "largest residual ε of (15) along the gain schedule"
+    return matching_check(said, matched.problem, matched.temperature, along)
 
 
 def _minimised(matched: Matched, terms: pde.Equation, solved: Solved) -> list[Check]:

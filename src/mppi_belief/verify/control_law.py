@@ -17,7 +17,7 @@ import numpy as np
 from jax import Array
 
 from .. import path_integral as pi
-from ..certificate import Certificate, Check, Line, Panel, at_most, largest_z, order, quantile, rounding, within_errors
+from ..certificate import Certificate, Check, Line, Panel, largest_z, order, quantile, rounding, within_errors
 from ..controllers import LQG
 from ..problem import Belief, Problem
 from . import pde
@@ -28,6 +28,7 @@ from .matched_problem import (
     algorithm_1,
     equation,
     first_controls,
+    limit_check,
     matched_problem,
     pooled_costs,
     rate,
@@ -134,14 +135,9 @@ def optimal(matched: Matched, terms: pde.Equation, means: np.ndarray) -> tuple[n
 
 
 def _limit(expected: np.ndarray, best: np.ndarray, best_error: np.ndarray) -> Check:
-    """Controls (levels, means) extrapolated from the two finest steps, and from the two before."""
-    *_, before, limit = 2 * expected[1:] - expected[:-1]
-    return at_most(
-        "the same, extrapolated to Δt = 0: largest distance from -R⁻¹G'V_μ over its error",
-        np.max(np.abs(limit - best) / (np.abs(limit - before) + best_error)),
-        1.0,
-        "change from the coarser, three times what is left, and the grid's error",
-    )
+    """Controls (levels, means) for a step of zero."""
+    computed = "the same, extrapolated to Δt = 0: largest distance from -R⁻¹G'V_μ over its error"
+    return limit_check(computed, list(expected), best, best_error)
 
 
 def exact(matched: Matched, terms: pde.Equation, steps: int, means: np.ndarray) -> np.ndarray:

@@ -7,7 +7,6 @@ step's sample less the coarse step's, along one Brownian path, leaves one of sec
 """
 
 from functools import partial
-from itertools import pairwise
 from typing import NamedTuple
 
 import jax
@@ -16,13 +15,15 @@ import numpy as np
 from jax import Array
 
 from .. import path_integral as pi
-from ..certificate import Certificate, Check, Line, Panel, at_most, largest_z, order, quantile, within_errors
+from ..certificate import Certificate, Check, Line, Panel, largest_z, order, quantile, within_errors
 from ..problem import Problem
 from . import pde
 from .matched_problem import (
     Matched,
     Steady,
     equation,
+    limit_check,
+    limits,
     matched_problem,
     pooled_costs,
     rate,
@@ -149,12 +150,9 @@ def at_points(matched: Matched, along: Steady, terms: pde.Equation, key: Array) 
     extrapolated = 2 * logs[:, :, 1] - logs[:, :, 0]
     error = extrapolated.std(axis=-1, ddof=1) / np.sqrt(BATCHES)
     levels = [discrete_psi(terms, H, TIMES) for H in LEVELS[:3]]
-    bias = 4 / 3 * np.abs(_extrapolated(levels)[0] - _extrapolated(levels)[1])
+    first, second, *_ = limits(levels)
+    bias = 4 / 3 * np.abs(first - second)
     return Points(*solution(terms), extrapolated.mean(axis=-1), error, bias)
-
-
-def _extrapolated(levels: list[np.ndarray]) -> list[np.ndarray]:
-    return [2 * fine - coarse for coarse, fine in pairwise(levels)]
 
 
 @jax.jit
@@ -202,15 +200,10 @@ def _orders(terms: pde.Equation, points: Points) -> list[Check]:
     """Without sampling: the discrete expectation at t = 0 against (16)."""
     levels = [discrete_psi(terms, H, TIMES[:1])[0] for H in LEVELS]
     errors = [rms(psi - points.exact[0]) for psi in levels]
-    *_, before, limit = _extrapolated(levels)
+    said = "the same, extrapolated to Δt = 0: largest distance from (16) over its error"
     return [
         order("exact expectation of (17) over (18): RMS distance from (16), order in Δt", 1, errors),
-        at_most(
-            "the same, extrapolated to Δt = 0: largest distance from (16) over its error",
-            np.max(np.abs(limit - points.exact[0]) / (np.abs(limit - before) + points.exact_error[0])),
-            1.0,
-            "change from the coarser, three times what is left, and the grid's error",
-        ),
+        limit_check(said, levels, points.exact[0], points.exact_error[0]),
     ]
 
 

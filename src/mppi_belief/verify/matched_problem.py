@@ -6,8 +6,10 @@ Sigma stays at the root of (8b), so D is constant and R = lambda b^2 / D makes (
 cost has its goal between two obstacles and is risk-sensitive (Remark 4). All quantities are dimensionless.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import jax
@@ -18,8 +20,10 @@ from jax import Array
 from .. import path_integral as pi
 from ..belief import diffusion_factors, gain_schedule
 from ..belief_cost import expected_terminal, risk_sensitive
+from ..certificate import Check, at_most, rounding
 from ..controllers import MPPIBelief
 from ..costs import GoalObstacleCost
+from ..matching import matched_weight, residual
 from ..obstacles import Obstacles
 from ..problem import Belief, Cost, Problem
 from ..systems import ScalarLinear
@@ -214,3 +218,27 @@ def rate(sizes: np.ndarray, rms: np.ndarray, relative: np.ndarray) -> tuple[floa
     away = x - np.average(x, weights=w)
     spread = np.sum(w * away**2)
     return float(np.sum(w * away * y) / spread), float(1 / np.sqrt(spread))
+
+
+def matching_check(computed: str, problem: Problem, temperature: float, along: Steady) -> Check:
+    """The largest residual of (15) along a schedule."""
+    G, W = problem.system.G(problem.prior_mean), matched_weight(problem.cost.R, temperature)
+    worst = jnp.max(jax.vmap(residual, (0, None, None))(along.diffusion, G, W))
+    # each step solves the Riccati equation by some tens of operations
+    return rounding(computed, float(worst), 100 * len(along.diffusion))
+
+
+def limits(levels: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """Richardson's values of what is off by first order, from steps each half as long as those before."""
+    return [2 * fine - coarse for coarse, fine in pairwise(levels)]
+
+
+def limit_check(computed: str, levels: Sequence[np.ndarray], exact: np.ndarray, error: np.ndarray) -> Check:
+    """Levels (J, n) extrapolated to a step of zero against the exact values (n,), known to within `error` (n,)."""
+    *_, before, limit = limits(levels)
+    return at_most(
+        computed,
+        np.max(np.abs(limit - exact) / (np.abs(limit - before) + error)),
+        1.0,
+        "change from the coarser, three times what is left, and the grid's error",
+    )
