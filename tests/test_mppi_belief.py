@@ -10,7 +10,7 @@ from jax import Array
 
 import mppi_belief as mb
 from helpers import assert_covariance, light_dark_problem, quick_jit
-from mppi_belief import belief_cost
+from mppi_belief import belief_cost, path_integral
 from mppi_belief.belief import gain_schedule, prior
 from mppi_belief.controllers.mppi_belief import PlanInfo
 
@@ -91,7 +91,7 @@ def test_the_plan_is_the_improved_nominal_moved_up_by_one_step(light_dark, x64, 
 def test_at_zero_temperature_the_best_sample_is_taken(light_dark, x64):
     controller = replace(SMALL, temperature=1e-6, evaluate="mean")
     u, _, info = act(controller, light_dark)
-    samples = jnp.moveaxis(SMALL._normals(KEY, 2), -1, 0)
+    samples = jnp.moveaxis(SMALL._normals(KEY, 2, SMALL.n_samples), -1, 0)
     # each sample's cost is that of the nominal which it would be
     best = np.argmin([act(controller, light_dark, sample)[2].nominal_cost for sample in samples])
     np.testing.assert_allclose(u, samples[best, 0], rtol=1e-9)
@@ -101,7 +101,7 @@ def test_at_zero_temperature_the_best_sample_is_taken(light_dark, x64):
 @pytest.mark.parametrize("count", [7, 8])
 def test_antithetic_normals_are_mirrored_for_even_and_odd_counts(count):
     controller = mb.MPPIBelief(n_samples=count, horizon=3, antithetic=True)
-    normals = controller._normals(KEY, 2)
+    normals = controller._normals(KEY, 2, count)
     half = (count + 1) // 2
     assert normals.shape == (3, 2, count)
     np.testing.assert_array_equal(normals[..., half:], -normals[..., : count - half])
@@ -124,13 +124,32 @@ def test_mirrored_samples_leave_a_symmetric_problem_alone(x64):
     assert info.ess < 31  # though their weights are not the same
 
 
+@pytest.mark.parametrize("count", [24, 23])
+def test_blocks_of_samples_are_weighted_as_if_they_were_one(count, light_dark, x64, monkeypatch):
+    """Against all samples of the same keys put together, with and without surplus samples in the last block."""
+    monkeypatch.setattr(path_integral, "BLOCK", 10)
+    controller = replace(SMALL, n_samples=count, antithetic=False)
+    problem, plan = light_dark, jnp.full((6, 2), 0.3)
+    u, _, info = jax.jit(controller.act)(problem, prior(problem), plan, KEY)  # not act_on: it knows another BLOCK
+    increments = jnp.concatenate([controller._normals(key, 2, 8) for key in jax.random.split(KEY, 3)], -1)[..., :count]
+    schedule = gain_schedule(problem, prior(problem), plan)
+    means = path_integral.rollouts(problem, prior(problem).mean, plan[:, :, None] + increments)
+    correction = path_integral.girsanov(plan, increments, problem.cost.R * problem.dt)
+    costs = controller._costs(problem, prior(problem).mean, means, schedule.cov) + correction
+    w = path_integral.weights(costs, controller.temperature)
+    np.testing.assert_allclose(info.means, means, rtol=1e-12)
+    np.testing.assert_allclose(info.weights, w, rtol=1e-9)
+    np.testing.assert_allclose(u, plan[0] + increments[0] @ w, rtol=1e-9)
+    np.testing.assert_allclose(info.ess, 1 / np.sum(w**2), rtol=1e-9)
+
+
 def test_innovation_samples_have_the_covariance_of_the_diffusion(light_dark, x64):
     controller = mb.MPPIBelief(n_samples=5000, horizon=3, diffusion="innovation", antithetic=False)
 
     @quick_jit
     def sample(problem: mb.Problem) -> tuple[Array, Array | None, Array]:
         schedule = gain_schedule(problem, prior(problem), controller.init(problem))
-        return *controller._sample(problem, schedule, KEY), schedule.diffusion
+        return *controller._sample(problem, schedule, KEY, controller.n_samples), schedule.diffusion
 
     increments, disturbance, diffusion = sample(light_dark)
     for k in range(3):

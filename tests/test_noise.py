@@ -1,12 +1,13 @@
 """Normals that are normal, independent, and a function of their key."""
 
 import jax
+import jax.extend
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scipy import stats
+from scipy import special, stats
 
-from mppi_belief.noise import standard_normal
+from mppi_belief.noise import erf_inv, standard_normal, threefry_2x32
 
 COUNT = 200_000
 
@@ -48,3 +49,19 @@ def test_double_precision_has_double_digits(x64):
     x = standard_normal(jax.random.key(0), (1000,))
     assert x.dtype == jnp.float64
     assert np.any(np.asarray(x) != np.asarray(x).astype(np.float32))
+
+
+@pytest.mark.parametrize("n", [1, 2, 7, 1000])
+def test_the_bits_are_those_of_jax(n):
+    words = jax.random.key_data(jax.random.key(n + 2**31))
+    wanted = jax.extend.random.threefry_2x32(words, jnp.arange(n, dtype=jnp.uint32))
+    np.testing.assert_array_equal(threefry_2x32(words, n), wanted)
+
+
+def test_the_inverse_of_the_error_function_is_accurate_to_its_tails():
+    """At all the numbers it is ever given near 0 and near 1, and at many between."""
+    cells = np.unique(np.r_[0:3000, 0 : 2**23 : 997, 2**22 - 3000 : 2**22 + 3000, 2**23 - 3000 : 2**23])
+    x = ((cells.astype(np.float32) + np.float32(0.5)) * np.float32(2**-22) - np.float32(1)).astype(np.float32)
+    wanted = special.erfinv(x.astype(float))
+    error = np.abs(np.asarray(jax.jit(erf_inv)(x), dtype=float) / wanted - 1)
+    assert error.max() < 3e-7

@@ -215,3 +215,19 @@ def test_alpha_means_the_same_for_the_exact_spread_given_or_not(alpha, scalar, x
     exact = np.sqrt(scalar.temperature / scalar.R / problem.dt)
     named = pi.girsanov_weight(problem, scalar.temperature, exact, alpha)
     np.testing.assert_allclose(pi.girsanov_weight(problem, scalar.temperature, None, alpha), named, rtol=1e-10)
+
+
+@pytest.mark.parametrize("block", [4, 100])
+def test_paths_without_a_finite_cost_weigh_nothing_in_any_block(block, monkeypatch, x64):
+    monkeypatch.setattr(pi, "BLOCK", block)
+    bad = jnp.array([jnp.nan, jnp.inf, -jnp.inf, 0.0])
+
+    def sample(key: Array, n: int) -> tuple[Array, Array, Array]:
+        costs = jax.random.uniform(key, (n,)) + jnp.tile(bad, 3)[:n]
+        return jnp.ones((2, 1, n)), costs, jnp.zeros((2, 3, n))
+
+    change, w, _ = pi.weighted_in_blocks(sample, jax.random.key(0), 12, 0.5)
+    np.testing.assert_array_equal(np.asarray(w).reshape(3, 4)[:, :3], 0)
+    assert np.all(np.asarray(w).reshape(3, 4)[:, 3] > 0)
+    np.testing.assert_allclose(np.sum(w), 1, rtol=1e-12)
+    np.testing.assert_allclose(change, 1, rtol=1e-12)

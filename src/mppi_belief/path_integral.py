@@ -24,9 +24,12 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
+from .batching import vmap_last
 from .discretise import euler_step
 from .noise import standard_normal
 from .problem import Problem
+
+BLOCK = 2000  # samples whose arrays stay in the cache of a CPU's core
 
 
 def control_map(G: Array, R: Array) -> Array:
@@ -81,7 +84,7 @@ def receded(nominal: Array) -> Array:
 def rollouts(problem: Problem, mean: Array, controls: Array, disturbance: Array | None = None) -> Array:
     """Means mu_1..mu_H (H, nx, N) from one mean (nx,) or N of them (nx, N), for controls (H, nu, N) and
     a disturbance (H, nx, N)."""
-    move = jax.vmap(lambda mu, u: euler_step(problem.system, mu, u, problem.dt), in_axes=-1, out_axes=-1)
+    move = vmap_last(lambda mu, u: euler_step(problem.system, mu, u, problem.dt), mapped=(True, True))
 
     def advance(mu: Array, drive: tuple[Array, Array | None]) -> tuple[Array, Array]:
         u, pushed = drive
@@ -145,3 +148,32 @@ def log_desirability(costs: Array, temperature: Array | float) -> Array:
 def weighted_increments(w: Array, increments: Array) -> Array:
     """sum_i w_i delta^(i) (H, nu), the whole horizon of (19)."""
     return increments @ w
+
+
+def weighted_in_blocks(
+    sample: Callable[[Array, int], tuple[Array, Array, Array]], key: Array, n: int, temperature: Array | float
+) -> tuple[Array, Array, Array]:
+    """sum_i w_i delta^(i) (H, nu), the weights w (n,) and the means (H, nx, n) of n samples, at most BLOCK at a time.
+
+    `sample(key, size)` returns increments (H, nu, size), path costs (size,) and means (H, nx, size). Each block is
+    weighted by itself and counts by its own estimate of Psi, which is the same as weighting all samples
+    together. One block, as always on a GPU, uses the key as it is.
+    """
+    count = -(-n // BLOCK) if jax.default_backend() == "cpu" else 1
+    size = -(-n // count)
+
+    def block(key: Array, wanted: Array | int) -> tuple[Array, Array, Array, Array]:
+        increments, costs, means = sample(key, size)
+        usable = jnp.isfinite(costs) & (jnp.arange(size) < wanted)
+        costs = jnp.where(usable, costs, jnp.inf)
+        w = weights(costs, temperature)
+        return weighted_increments(w, increments), w, log_desirability(costs, temperature), means
+
+    if count == 1:
+        change, w, _, means = block(key, n)
+        return change, w, means
+    keys, left = jax.random.split(key, count), n - size * jnp.arange(count)
+    changes, w, logs, means = jax.lax.map(lambda given: block(*given), (keys, left))
+    share = weights(-logs, 1.0)
+    joined = jnp.moveaxis(means, 0, -2).reshape(*means.shape[1:-1], -1)
+    return jnp.tensordot(share, changes, 1), (share[:, None] * w).reshape(-1)[:n], joined[..., :n]

@@ -70,12 +70,16 @@ class MPPIBelief:
     def act(self, problem: Problem, belief: Belief, plan: Array, key: Array) -> tuple[Array, Array, PlanInfo]:
         """The control (nu,), the nominal shifted by one step (H, nu), diagnostics."""
         mean, schedule = belief.mean, gain_schedule(problem, belief, plan, self.schedule)
-        increments, disturbance = self._sample(problem, schedule, key)
-        means = self._rollouts(problem, mean, plan, increments, disturbance)
         weight = pi.girsanov_weight(problem, self.temperature, self.control_std, self.alpha)
-        correction = pi.girsanov(plan, increments, weight)
-        w = pi.weights(self._costs(problem, mean, means, schedule.cov) + correction, self.temperature)
-        improved = plan + pi.weighted_increments(w, increments)
+
+        def paths(key: Array, n: int) -> tuple[Array, Array, Array]:
+            increments, disturbance = self._sample(problem, schedule, key, n)
+            means = self._rollouts(problem, mean, plan, increments, disturbance)
+            correction = pi.girsanov(plan, increments, weight)
+            return increments, self._costs(problem, mean, means, schedule.cov) + correction, means
+
+        change, w, means = pi.weighted_in_blocks(paths, key, self.n_samples, self.temperature)
+        improved = plan + change
         nominal_cost = self._costs(problem, mean, schedule.mean[1:, :, None], schedule.cov)[0]
         info = PlanInfo(pi.effective_sample_size(w), nominal_cost, schedule.cov, means, w)
         return improved[0], self._carry(improved), info
@@ -88,20 +92,22 @@ class MPPIBelief:
         controls = nominal + increments if disturbance is None else nominal
         return pi.rollouts(problem, mean, controls, disturbance)
 
-    def _sample(self, problem: Problem, schedule: GainSchedule, key: Array) -> tuple[Array, Array | None]:
+    def _sample(self, problem: Problem, schedule: GainSchedule, key: Array, n: int) -> tuple[Array, Array | None]:
         """Control increments delta (H, nu, N) and, for the innovation diffusion, L eps (H, nx, N)."""
         R, dt = problem.cost.R, problem.dt
         if self.diffusion == "matched":
-            increments = pi.matched_increments(problem, self._normals(key, len(R)), self.temperature, self.control_std)
+            increments = pi.matched_increments(
+                problem, self._normals(key, len(R), n), self.temperature, self.control_std
+            )
             return increments, None
         factors, _ = diffusion_factors(schedule)
-        eps = jnp.sqrt(dt) * self._normals(key, factors.shape[-1])
+        eps = jnp.sqrt(dt) * self._normals(key, factors.shape[-1], n)
         disturbance = jnp.einsum("hij,hjn->hin", factors, eps)
         maps = jax.vmap(lambda mu: pi.control_map(problem.system.G(mu), R))(schedule.mean[:-1])
         return jnp.einsum("hij,hjn->hin", maps, disturbance) / dt, disturbance
 
-    def _normals(self, key: Array, dim: int) -> Array:
-        return pi.normals(key, (self.horizon, dim, self.n_samples), self.antithetic)
+    def _normals(self, key: Array, dim: int, n: int) -> Array:
+        return pi.normals(key, (self.horizon, dim, n), self.antithetic)
 
     def _costs(self, problem: Problem, mean: Array, means: Array, covs: Array) -> Array:
         cost = problem.cost

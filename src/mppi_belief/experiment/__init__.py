@@ -1,5 +1,7 @@
 """What a worker runs: build a cell's objects, simulate its trials, time its control step."""
 
+import jax
+
 from .build import Experiment, build, check
 from .recording import record
 from .timing import time_steps
@@ -16,3 +18,6 @@ __all__ = [
     "run_trials",
     "time_steps",
 ]
+
+# What is computed here takes less time than handing it to another thread and waiting; before JAX's first computation.
+jax.config.update("jax_cpu_enable_async_dispatch", False)

@@ -17,6 +17,9 @@ _ONE_THREAD = {
 
 _XLA = (
     "--xla_cpu_multi_thread_eigen=false",
+    # loops of less data than this many bytes become one kernel: a scan over a horizon otherwise spends most of its time
+    # between the kernels of its steps
+    "--xla_backend_extra_options=xla_cpu_small_while_loop_byte_threshold=1000000",
     "--xla_cpu_prefer_vector_width=512",  # a third off the cost of exponentials where the CPU has AVX-512
 )
 
