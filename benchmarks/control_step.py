@@ -1,71 +1,128 @@
-"""Time one control step of each controller: one process, one thread, one CPU, compiled and warm.
+"""One control step of ours beside every MPPI library, on the work of Sec. VII: one process, thread and CPU each.
 
-    python benchmarks/control_step.py [controller ...]
+    python benchmarks/control_step.py [NAME ...] [--rounds N] [--calls N] [--dtype D] [--docs]
 
-Rounds are interleaved, so that a drift of the machine meets all controllers alike. Writes
-outputs/bench/control_step.json and prints a table.
+NAME is a contestant, a kind (ours, floors, peers) or an environment, see `contestants`; all of them without one.
+Writes outputs/bench/control_step.json and .md and prints the table; `--docs` writes docs/benchmarks.md too.
 """
 
+import argparse
 import json
 import os
-import platform
-import resource
 import sys
-from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
+import environments
+import rounds
+from contestants import Contestant, choose
 from mppi_belief.study import environment
+from mppi_belief.study.provenance import provenance
+from table import DTYPES, markdown, summary
+from workload import workload
 
-environment.prepare()
-if hasattr(os, "sched_setaffinity"):
-    os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
-
-import numpy as np  # noqa: E402  the environment must be set before NumPy and JAX start
-
-from mppi_belief.cli import collect  # noqa: E402
-from mppi_belief.experiment import time_steps  # noqa: E402
-
-ROUNDS, CALLS = 5, 60
-DEFAULT = ["belief", "ce"]
+OUTPUT = environments.ROOT / "outputs" / "bench"
+DOCS = environments.ROOT / "docs" / "benchmarks.md"
+MARKERS = "<!-- measured: written by `make bench-docs` -->", "<!-- end -->"
 
 
-def measure(controllers: list[str]) -> dict[str, list[float]]:
-    """Seconds of ROUNDS x CALLS control steps for each controller."""
-    configs = {name: collect([f"controller={name}"])[0] for name in controllers}
-    times: dict[str, list[float]] = {name: [] for name in controllers}
-    for _ in range(ROUNDS):
-        for name, config in configs.items():
-            times[name] += time_steps(config, CALLS)
-    return times
-
-
-def main() -> None:
-    """Measure, write, print."""
-    times = measure(sys.argv[1:] or DEFAULT)
-    rows = [
-        {
-            "controller": name,
-            "median_ms": 1e3 * float(np.median(seconds)),
-            "p95_ms": 1e3 * float(np.quantile(seconds, 0.95)),
-            "calls": len(seconds),
-        }
-        for name, seconds in times.items()
-    ]
+def main(argv: list[str] | None = None) -> None:
+    """Install, measure, write, print."""
+    options = _options(argv)
+    chosen = choose(options.names)
+    pythons, reasons = _interpreters(chosen)
     report = {
-        "measured": datetime.now(UTC).isoformat(timespec="seconds"),
-        "platform": platform.platform(),
+        **{key: value for key, value in provenance(sys.argv).items() if key not in ("threads", "algorithm")},
         "load": os.getloadavg(),
-        "peak_memory_mib": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
-        "threads": environment.threads(),
-        "rows": rows,
+        "rounds": options.rounds,
+        "calls": options.calls,
+        "workload": workload(),
+        "rows": {},
     }
-    target = Path("outputs/bench/control_step.json")
-    target.parent.mkdir(parents=True, exist_ok=True)
-    target.write_text(json.dumps(report, indent=1))
-    print("| controller | median ms | p95 ms |\n|---|---|---|")
-    for row in rows:
-        print(f"| {row['controller']} | {row['median_ms']:.3f} | {row['p95_ms']:.3f} |")
-    print(f"peak memory {report['peak_memory_mib']:.0f} MiB; written to {target}")
+    for dtype in options.dtype or DTYPES:
+        runners = [one for one in chosen if dtype in one.dtypes]
+        report["rows"][dtype] = _measure(runners, pythons, reasons, report, dtype)
+        _write(report)
+    text = markdown(report)
+    if options.docs:
+        DOCS.write_text(with_measured(DOCS.read_text(), text))
+    print(text)
+
+
+def _options(argv: list[str] | None) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("names", nargs="*", help="contestants, kinds or environments; all without one")
+    parser.add_argument("--rounds", type=int, default=8)
+    parser.add_argument("--calls", type=int, default=30, help="in each round")
+    parser.add_argument("--dtype", action="append", choices=DTYPES, help="float32 or float64; both without it")
+    parser.add_argument("--docs", action="store_true", help="write docs/benchmarks.md too")
+    return parser.parse_args(argv)
+
+
+def _interpreters(chosen: list[Contestant]) -> tuple[dict[str | None, Path], dict[str | None, str]]:
+    """Environment -> its interpreter, or why there is none."""
+    pythons: dict[str | None, Path] = {None: Path(sys.executable)}
+    reasons: dict[str | None, str] = {}
+    for name in dict.fromkeys(one.environment for one in chosen if one.environment):
+        try:
+            pythons[name] = environments.python(name)
+        except environments.CannotInstallError as error:
+            reasons[name] = str(error)
+            rounds.say(f"{name}: {error}")
+    return pythons, reasons
+
+
+def _measure(
+    runners: list[Contestant],
+    pythons: dict[str | None, Path],
+    reasons: dict[str | None, str],
+    report: dict[str, Any],
+    dtype: str,
+) -> dict[str, dict[str, Any]]:
+    """The rows of one precision, those that could not be installed with their reason."""
+    ready = [one for one in runners if one.environment in pythons]
+    threads = threads_of_peers()
+    subjects = {
+        one.name: rounds.start(
+            pythons[one.environment],
+            one.module,
+            one.name,
+            rounds.one_cpu(),
+            OUTPUT / "logs" / f"{one.name}-{dtype}.txt",
+            threads if one.environment else None,
+        )
+        for one in ready
+    }
+    try:
+        measured = rounds.measure(subjects, report["workload"], dtype, report["rounds"], report["calls"])
+    finally:
+        rounds.end(list(subjects.values()))
+    missing = {one.name: {"error": reasons[one.environment]} for one in runners if one.environment in reasons}
+    return {name: summary(result) for name, result in measured.items()} | missing
+
+
+def threads_of_peers() -> dict[str, str]:
+    """One thread for each library, and the XLA flags that ours runs with."""
+    before = dict(os.environ)
+    try:
+        environment.prepare()
+        return environment.threads() | {"JAX_PLATFORMS": "cpu"}
+    finally:
+        os.environ.clear()
+        os.environ.update(before)
+
+
+def with_measured(document: str, text: str) -> str:
+    """The document with `text` between its two markers."""
+    head, _, rest = document.partition(MARKERS[0])
+    _, _, tail = rest.partition(MARKERS[1])
+    return f"{head}{MARKERS[0]}\n\n{text}\n\n{MARKERS[1]}{tail}"
+
+
+def _write(report: dict[str, Any]) -> None:
+    OUTPUT.mkdir(parents=True, exist_ok=True)
+    (OUTPUT / "control_step.json").write_text(json.dumps(report, indent=1))
+    (OUTPUT / "control_step.md").write_text(markdown(report) + "\n")
 
 
 if __name__ == "__main__":

@@ -1,0 +1,112 @@
+"""The working tree against a commit: our controllers, interleaved round by round on one CPU.
+
+    python benchmarks/compare.py COMMIT [NAME ...] [--rounds N] [--calls N] [--dtype D]
+
+Prints for each controller the two medians and the ratio of the working tree's to the commit's, below 1 where the
+working tree is faster: the median of the rounds' ratios with its 95 % bootstrap interval. Nothing is asserted.
+"""
+
+import argparse
+import subprocess
+import sys
+import tarfile
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import rounds
+from contestants import CONTESTANTS, Contestant, choose
+from environments import ROOT
+from table import DTYPES, summary
+from workload import workload
+
+RESAMPLES = 10_000
+HERE, THERE = "working tree", "commit"
+
+
+def main(argv: list[str] | None = None) -> None:
+    """Unpack, measure, print."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("commit", help="any word git takes for a commit")
+    parser.add_argument("names", nargs="*", help="our controllers and floors; the controllers without one")
+    parser.add_argument("--rounds", type=int, default=10)
+    parser.add_argument("--calls", type=int, default=60, help="in each round")
+    parser.add_argument("--dtype", action="append", choices=DTYPES, help="float32 without it")
+    options = parser.parse_args(argv)
+    chosen = choose(options.names or ["ours"], [one for one in CONTESTANTS if one.environment is None])
+    with tempfile.TemporaryDirectory(prefix="mppi-belief-") as folder:
+        unpack(options.commit, Path(folder))
+        trees = {HERE: ROOT, THERE: Path(folder)}
+        print(f"{'':16}{HERE + ' ms':>16}{options.commit[:12] + ' ms':>16}   ratio [95 %]")
+        for dtype in options.dtype or DTYPES[:1]:
+            results = _measure(chosen, trees, dtype, options.rounds, options.calls)
+            for one in chosen:
+                print(line(one.name, dtype, *(results[f"{one.name} {tree}"] for tree in trees)))
+
+
+def unpack(commit: str, folder: Path) -> None:
+    """The files of a commit; ends with one line for a word that is none."""
+    archive = folder / "tree.tar"
+    command = ["git", "-C", str(ROOT), "archive", "--output", str(archive), commit, "src", "conf", "pyproject.toml"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise SystemExit(f"{commit}: {done.stderr.strip().splitlines()[-1]}")
+    with tarfile.open(archive) as files:
+        files.extractall(folder, filter="data")
+    code = "import mppi_belief; print(mppi_belief.__file__)"
+    env = environment_of(folder)
+    said = subprocess.run([sys.executable, "-c", code], env=env, capture_output=True, text=True, check=True).stdout
+    if not Path(said.strip()).resolve().is_relative_to(folder.resolve()):
+        raise SystemExit(f"the package of {commit} is hidden by {said.strip()}: install this checkout with pip -e")
+
+
+def environment_of(tree: Path) -> dict[str, str]:
+    """What makes a process import the package of a tree, which finds its own conf/."""
+    return {"PYTHONPATH": str(tree / "src")}
+
+
+def _measure(
+    chosen: Sequence[Contestant], trees: dict[str, Path], dtype: str, n_rounds: int, calls: int
+) -> dict[str, dict[str, Any]]:
+    subjects = {
+        f"{one.name} {tree}": rounds.start(
+            sys.executable,
+            one.module,
+            one.name,
+            rounds.one_cpu(),
+            ROOT / "outputs" / "bench" / "logs" / f"{one.name}-{dtype}-{tree.replace(' ', '-')}.txt",
+            environment_of(path),
+        )
+        for one in chosen
+        for tree, path in trees.items()
+    }
+    try:
+        return rounds.measure(subjects, workload(), dtype, n_rounds, calls)
+    finally:
+        rounds.end(list(subjects.values()))
+
+
+def line(name: str, dtype: str, here: dict[str, Any], there: dict[str, Any]) -> str:
+    """One line of the printed table."""
+    label = f"{name} {dtype[5:]}"
+    for tree, result in ((HERE, here), (THERE, there)):
+        if "error" in result:
+            return f"{label:16}{tree}: {result['error']}"
+    a, b = (summary(result)["median_ms"] for result in (here, there))
+    middle, low, high = ratio_interval(here["rounds"], there["rounds"])
+    return f"{label:16}{a:16.3f}{b:16.3f}   {middle:.3f} [{low:.3f}, {high:.3f}]"
+
+
+def ratio_interval(here: list[list[float]], there: list[list[float]], seed: int = 0) -> tuple[float, float, float]:
+    """Median of the rounds' ratios of medians, and its 95 % bootstrap interval over rounds."""
+    ratios = np.array([np.median(a) / np.median(b) for a, b in zip(here, there, strict=True)])
+    drawn = np.random.default_rng(seed).choice(ratios, (RESAMPLES, len(ratios)))
+    low, high = np.quantile(np.median(drawn, axis=1), [0.025, 0.975])
+    return float(np.median(ratios)), float(low), float(high)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,83 @@
+"""The noise-free double integrator that every subject drives, and the planner a peer's adapter has to be.
+
+    p' = v,  v' = u,  in Euler steps of dt: x = [p_x, p_y, v_x, v_y] in m and m/s, u in m/s^2
+
+Standard library only: it runs in each peer's own environment.
+"""
+
+import math
+import time
+from typing import Any
+
+WARM_UP = 5  # calls at the start of each round that are not counted: caches are cold after the others' turns
+
+Workload = dict[str, Any]
+
+
+def plant_step(workload: Workload, x: list[float], u: list[float]) -> list[float]:
+    """The state (4,) after control u (2,)."""
+    dt, (px, py, vx, vy) = workload["dt"], x
+    return [px + dt * vx, py + dt * vy, vx + dt * u[0], vy + dt * u[1]]
+
+
+def judge(workload: Workload, path: list[list[float]]) -> dict[str, float]:
+    """How near a path came to the goal, how far from it it ended, its least distance to an obstacle's surface: m."""
+    to_goal = [math.dist(x[:2], workload["goal"][:2]) for x in path]
+    apart = min(math.dist(x[:2], center) for x in path for center in workload["centers"])
+    return {"nearest": min(to_goal), "final_distance": to_goal[-1], "clearance": apart - workload["radius"]}
+
+
+class Planner:
+    """One controller on the workload. An adapter fills in the five methods below.
+
+    settings   one sentence: how the library was set up
+    versions   package -> version
+    """
+
+    settings = ""
+
+    def __init__(self, workload: Workload, dtype: str) -> None:
+        self.workload, self.dtype = workload, dtype
+        self.versions: dict[str, str] = {}
+        self._x: list[float] | None = None  # where the timed closed loop stands; None before a trial
+        self._step = 0
+
+    def reset(self) -> None:
+        """Forget the plan: the next step is the first of a trial."""
+        raise NotImplementedError
+
+    def observe(self, x: list[float]) -> Any:
+        """The state in the library's own array; not timed."""
+        raise NotImplementedError
+
+    def act(self, state: Any) -> Any:
+        """One control step, the plan warm started as the library does it, its result waited for. This is timed."""
+        raise NotImplementedError
+
+    def control(self, result: Any) -> list[float]:
+        """What `act` returned as numbers (2,); not timed."""
+        raise NotImplementedError
+
+    def time(self, calls: int) -> list[float]:
+        """Seconds of single control steps in closed loop, trial after trial."""
+        return [self._timed_step() for _ in range(WARM_UP + calls)][WARM_UP:]
+
+    def _timed_step(self) -> float:
+        if self._x is None or self._step == self.workload["steps"]:
+            self.reset()
+            self._x, self._step = self.workload["start"], 0
+        state = self.observe(self._x)
+        started = time.perf_counter()
+        result = self.act(state)
+        seconds = time.perf_counter() - started
+        self._x, self._step = plant_step(self.workload, self._x, self.control(result)), self._step + 1
+        return seconds
+
+    def closed_loop(self) -> dict[str, float]:
+        """One trial from start to goal, see `judge`."""
+        self.reset()
+        path = [self.workload["start"]]
+        for _ in range(self.workload["steps"]):
+            path.append(plant_step(self.workload, path[-1], self.control(self.act(self.observe(path[-1])))))
+        self._x = None
+        return judge(self.workload, path)

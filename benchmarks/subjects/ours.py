@@ -1,0 +1,59 @@
+"""The controllers of mppi-belief, timed as its own Time column is (`mppi_belief.experiment.time_steps`).
+
+Compiled, in closed loop with measurements and filter, which are not timed; the state comes as an array of JAX and the
+control and the next plan are waited for.
+"""
+
+import os
+from importlib.metadata import version
+
+from mppi_belief.study import environment
+
+environment.prepare()
+
+import jax  # noqa: E402  the environment must be set before JAX starts
+import jax.numpy as jnp  # noqa: E402
+
+from mppi_belief.composing import collect  # noqa: E402
+from mppi_belief.experiment import build, time_steps  # noqa: E402
+from plant import WARM_UP, Workload, judge, plant_step  # noqa: E402
+
+
+def make(name: str, workload: Workload, dtype: str) -> "Controller":
+    return Controller(name, workload, dtype)
+
+
+def config_of(controller: str, dtype: str) -> dict:
+    """What `mppi-belief run controller=... precision=...` would run."""
+    (config,) = collect([f"controller={controller}", f"precision={dtype}"])
+    return config
+
+
+def versions() -> dict[str, str]:
+    return {name: version(name) for name in ("mppi-belief", "jax", "numpy")}
+
+
+class Controller:
+    """A controller of `conf/controller`."""
+
+    def __init__(self, name: str, workload: Workload, dtype: str) -> None:
+        self.config, self.workload = config_of(name, dtype), workload
+        self.versions, self.settings = versions(), f"as configured; XLA_FLAGS={os.environ['XLA_FLAGS']}"
+
+    def time(self, calls: int) -> list[float]:
+        return time_steps(self.config, WARM_UP + calls)[WARM_UP:]
+
+    def closed_loop(self) -> dict[str, float]:
+        """A trial without noise from the prior mean: the filter is given the measurement that it expects there."""
+        with jax.enable_x64(self.config["precision"] == "float64"):
+            problem, filter, controller = build(self.config)
+            act = jax.jit(lambda belief, plan, key: controller.act(problem, belief, plan, key)[:2])
+            update = jax.jit(lambda belief, u, y, key: filter.update(problem, belief, u, y, key))
+            key, path = jax.random.key(0), [self.workload["start"]]
+            belief, plan = filter.init(problem, key), controller.init(problem)
+            for k in range(self.workload["steps"]):
+                u, plan = act(belief, plan, jax.random.fold_in(key, 2 * k))
+                path.append(plant_step(self.workload, path[-1], u.tolist()))
+                y = problem.system.c(jnp.array(path[-1]))
+                belief = update(belief, u, y, jax.random.fold_in(key, 2 * k + 1))
+        return judge(self.workload, path)

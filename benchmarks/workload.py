@@ -1,0 +1,21 @@
+"""The work of Sec. VII in plain numbers, from this package's configuration, for libraries that know nothing of it."""
+
+from typing import Any
+
+from mppi_belief.composing import collect
+
+
+def workload(overrides: list[str] | None = None) -> dict[str, Any]:
+    """Dynamics, costs and sampling of `controller=ce` as JSON: SI units, weights diagonal."""
+    (config,) = collect(["controller=ce", *(overrides or [])])
+    cost, problem, planner = config["cost"], config["problem"], config["controller"]
+    obstacles = config["system"]["obstacles"]
+    return {
+        "dt": problem["dt"],
+        "steps": problem["steps"],
+        "start": problem["prior_mean"],
+        **{name: cost[name] for name in ("goal", "running_weight", "terminal_weight", "control_weight")},
+        **{name: cost[name] for name in ("w_obs", "bump_width")},
+        **{name: obstacles[name] for name in ("centers", "radius")},
+        **{name: planner[name] for name in ("n_samples", "horizon", "temperature", "control_std")},
+    }
