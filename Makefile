@@ -5,7 +5,7 @@ ARGS ?=
 TEST_WORKERS ?= 2
 
 .DEFAULT_GOAL := help
-.PHONY: help install run report verify calibration test test-solver check lint types layers format bench picture clean
+.PHONY: help install run report verify calibration test test-solver check lint types layers format bench bench-docs bench-compare picture clean
 
 help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -22,7 +22,7 @@ install: $(VENV)/.installed  ## make the environment in .venv
 run: install  ## the main job: MPPI-Belief, 200 trials, a table and a picture
 	$(BIN)/mppi-belief run controller=belief theta=1 $(ARGS)
 
-STUDIES := table_1 w_obs_sweep theta_sweep expectation diffusion horizon_and_samples
+STUDIES := table_1 w_obs_sweep theta_sweep expectation diffusion horizon_and_samples quality_per_time
 
 report: install  ## run what is missing of the paper's studies, then tables, figures and outputs/report/index.html
 	@for study in $(STUDIES); do echo "== $$study"; \
@@ -61,8 +61,16 @@ format: install  ## format the code
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
-bench: install  ## time one control step of each controller, into outputs/bench/
+bench: install  ## one control step of ours beside every MPPI library, into outputs/bench/ (the first time: minutes, 12 GB)
 	$(BIN)/python benchmarks/control_step.py $(ARGS)
+
+bench-docs: install  ## the same, into docs/benchmarks.md too
+	$(BIN)/python benchmarks/control_step.py --docs $(ARGS)
+
+COMMIT ?= HEAD
+
+bench-compare: install  ## one control step of the working tree against COMMIT=..., interleaved: ratios
+	$(BIN)/python benchmarks/compare.py $(COMMIT) $(ARGS)
 
 picture: install  ## what README and docs/theory.md show: 200 trials of MPPI-Belief and of CE-MPPI, one of each animated; certificates
 	$(BIN)/mppi-belief run experiment=table_1 controller=belief,ce
@@ -72,4 +80,4 @@ picture: install  ## what README and docs/theory.md show: 200 trials of MPPI-Bel
 	  cp outputs/verify/$$name.png docs/img/theory_$$name.png; done
 
 clean:  ## remove the environment and caches; results stay
-	rm -rf $(VENV) $(VENV)-solver .mypy_cache .pytest_cache .ruff_cache .hypothesis .import_linter_cache
+	rm -rf $(VENV) $(VENV)-solver .venv-bench .mypy_cache .pytest_cache .ruff_cache .hypothesis .import_linter_cache

@@ -113,7 +113,7 @@ def test_help_of_run_names_every_group_option_and_key(mppi_belief_command, tmp_p
     assert len(groups) >= 5
     for group in groups:
         (line,) = re.findall(rf"^{group.name}: .*$", said.out, re.MULTILINE)
-        assert sorted(re.findall(r"\w+", line)[1:]) == sorted(path.stem for path in group.glob("*.yaml"))
+        assert sorted(re.findall(r"[\w.]+", line)[1:]) == sorted(path.stem for path in group.glob("*.yaml"))
     for key in (*Settings.__dataclass_fields__, *Planner.__dataclass_fields__):
         assert re.search(rf"^\s*{key}:", said.out, re.MULTILINE), key
     assert not re.search(r"^hydra:|\?\?\?|schema", said.out, re.MULTILINE)

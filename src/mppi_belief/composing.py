@@ -76,6 +76,22 @@ def parse(args: Sequence[str]) -> tuple[list[str], list[str], list[str]]:
     return flags, words, folders
 
 
+def grids(args: Sequence[str]) -> list[list[str]]:
+    """The arguments of each grid of a study NAME: NAME.yaml, then every NAME.*.yaml beside it.
+
+    One grid crosses all it sweeps; methods whose settings are different keys need one each.
+    """
+    made = [list(args)]
+    for at, arg in enumerate(args):
+        group, _, study = arg.partition("=")
+        if group == "experiment":
+            folders = [folder / group for folder in (conf_dir(), *map(Path, parse(args)[2]))]
+            options = sorted({path.stem for folder in folders for path in folder.glob("*.yaml")})
+            more = [option for option in options if option.startswith(f"{study}.")]
+            made += [[*args[:at], f"{group}={option}", *args[at + 1 :]] for option in more]
+    return made
+
+
 def collect(args: Sequence[str]) -> list[dict[str, Any]]:
     """The configurations the arguments ask for, checked for types, ranges and spelling."""
     from hydra.core.hydra_config import HydraConfig
@@ -96,7 +112,10 @@ def collect(args: Sequence[str]) -> list[dict[str, Any]]:
     for group in ("sweep", "experiment"):
         if any(arg.startswith(f"{group}=") and "," in arg for arg in args):
             raise ConfigError(f"{group}: choose one")
-    compose(args, job)
+    for grid in grids(args):
+        compose(grid, job)
+        if not configs:  # --help, --cfg, --info: once is enough
+            return []
     for config in configs:
         check_settings(config)
     for key in RUNTIME_KEYS:

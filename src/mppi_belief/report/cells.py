@@ -67,6 +67,13 @@ class Found(NamedTuple):
         return NAMES.get(self.method, self.method)
 
     @property
+    def samples(self) -> int | None:
+        """Paths sampled for one control step, from every particle where the method does that; None without any."""
+        number = self.cell.config["controller"].get("n_samples")
+        starts = self.cell.config["filter"].get("n_particles", 1) if self.method == "pipf" else 1
+        return None if number is None else int(number * starts)
+
+    @property
     def collided(self) -> np.ndarray:
         """Of the good trials, (n,) bool."""
         return self.good["collided"].to_numpy(dtype=bool)

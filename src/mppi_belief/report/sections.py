@@ -11,6 +11,7 @@ from .cells import Found, by_method
 from .comparison import as_latex, differences, table_1
 from .files import write_text
 from .page import Picture, Section
+from .quality import quality
 from .summary import summary
 
 Studies = dict[str, list[Found]]
@@ -150,6 +151,7 @@ BUILDERS: dict[str, Callable[[list[Found], Path], Section]] = {
     "expectation": _expectation,
     "diffusion": _diffusion,
     "horizon_and_samples": _samples,
+    "quality_per_time": quality,
 }
 
 
