@@ -64,8 +64,9 @@ format: install  ## format the code
 bench: install  ## one control step of ours beside every MPPI library, into outputs/bench/ (the first time: minutes, 12 GB)
 	$(BIN)/python benchmarks/control_step.py $(ARGS)
 
-bench-docs: install  ## the same, into docs/benchmarks.md too
+bench-docs: install  ## the same and the error with antithetic pairs, into docs/benchmarks.md too
 	$(BIN)/python benchmarks/control_step.py --docs $(ARGS)
+	$(BIN)/python benchmarks/variance.py --docs
 
 COMMIT ?= HEAD
 

@@ -8,7 +8,7 @@ BOTH, DOUBLE = ("float32", "float64"), ("float64",)
 
 class Contestant(NamedTuple):
     """A name of the command line; `module` of `subjects`, `environment` of `environments` (None: this package's),
-    `floor`: the floor of one of ours."""
+    `floor`: the floor of one of ours, `beside`: which of ours it is compared with."""
 
     name: str
     kind: str
@@ -17,6 +17,7 @@ class Contestant(NamedTuple):
     environment: str | None = None
     dtypes: tuple[str, ...] = BOTH
     floor: str | None = None
+    beside: str = "ce"
 
 
 CONTESTANTS = (
@@ -37,7 +38,7 @@ CONTESTANTS = (
     Contestant("pytorch_mppi", "peers", "pytorch_mppi (eager)", "pytorch_mppi_peer", "torch"),
     Contestant("pytorch_mppi_compiled", "peers", "pytorch_mppi (compile())", "pytorch_mppi_peer", "torch"),
     Contestant("torchrl", "peers", "TorchRL MPPIPlanner", "torchrl_peer", "torch"),
-    Contestant("crocoddyl", "peers", "crocoddyl SolverDDP", "crocoddyl_peer", "crocoddyl", DOUBLE),
+    Contestant("crocoddyl", "peers", "crocoddyl SolverDDP", "crocoddyl_peer", "crocoddyl", DOUBLE, beside="ilqg"),
 )
 KINDS = {"ours": "Ours", "floors": "Floors", "peers": "Peers"}
 

@@ -16,14 +16,13 @@ from typing import Any
 import environments
 import rounds
 from contestants import Contestant, choose
+from document import write_between
 from mppi_belief.study import environment
 from mppi_belief.study.provenance import provenance
 from table import DTYPES, markdown, summary
 from workload import workload
 
 OUTPUT = environments.ROOT / "outputs" / "bench"
-DOCS = environments.ROOT / "docs" / "benchmarks.md"
-MARKERS = "<!-- measured: written by `make bench-docs` -->", "<!-- end -->"
 
 
 def main(argv: list[str] | None = None) -> None:
@@ -45,7 +44,7 @@ def main(argv: list[str] | None = None) -> None:
         _write(report)
     text = markdown(report)
     if options.docs:
-        DOCS.write_text(with_measured(DOCS.read_text(), text))
+        write_between("control_step", text)
     print(text)
 
 
@@ -110,13 +109,6 @@ def threads_of_peers() -> dict[str, str]:
     finally:
         os.environ.clear()
         os.environ.update(before)
-
-
-def with_measured(document: str, text: str) -> str:
-    """The document with `text` between its two markers."""
-    head, _, rest = document.partition(MARKERS[0])
-    _, _, tail = rest.partition(MARKERS[1])
-    return f"{head}{MARKERS[0]}\n\n{text}\n\n{MARKERS[1]}{tail}"
 
 
 def _write(report: dict[str, Any]) -> None:

@@ -51,7 +51,7 @@ def markdown(report: dict[str, Any]) -> str:
 
 def _table(rows: dict[str, dict[str, Any]]) -> str:
     lines = [
-        "| | median ms | p95 ms | ratio to CE-MPPI | multiple of its floor | nearest to goal m | reached |",
+        "| | median ms | p95 ms | ratio to ours | multiple of its floor | nearest to goal m | reached |",
         "|---|---|---|---|---|---|---|",
     ]
     for kind, title in KINDS.items():
@@ -64,7 +64,7 @@ def _table(rows: dict[str, dict[str, Any]]) -> str:
                 one.label,
                 _number(row.get("median_ms"), ".3f") if "error" not in row else "failed",
                 _number(row.get("p95_ms"), ".3f"),
-                _number(ratio(rows, one.name, "ce"), ".2f"),
+                _number(ratio(rows, one.name, one.beside), ".2f"),
                 _number(ratio(rows, one.name, one.floor), ".2f"),
                 _number(near, ".2f"),
                 "" if near is None else "yes" if near <= REACHED else "no",

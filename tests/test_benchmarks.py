@@ -19,6 +19,7 @@ sys.path.insert(0, str(FOLDER))
 import compare  # noqa: E402
 import contestants  # noqa: E402
 import control_step  # noqa: E402
+import document  # noqa: E402
 import environments  # noqa: E402
 import plant  # noqa: E402
 import remote  # noqa: E402
@@ -194,11 +195,18 @@ def test_the_table_has_ratios_to_ours_multiples_of_floors_and_failures():
     assert "| 0.600 | 0.600 |  |" in table.markdown(report(jax_mppi=0.6))  # no ratio without ours
 
 
-def test_the_documents_numbers_are_replaced():
-    document = (ROOT / "docs" / "benchmarks.md").read_text()
-    once = control_step.with_measured(document, "| 1 |")
+@pytest.mark.parametrize("part", ["control_step", "variance"])
+def test_the_documents_numbers_are_replaced(part):
+    page = document.DOCS.read_text()
+    once = document.between(page, part, "| 1 |")
     assert "\n\n| 1 |\n\n" in once
-    assert control_step.with_measured(once, "| 2 |") == once.replace("| 1 |", "| 2 |")
+    assert document.between(once, part, "| 2 |") == once.replace("| 1 |", "| 2 |")
+    assert once.count(document.END) == page.count(document.END)
+
+
+def test_a_document_without_the_part_is_left_alone():
+    with pytest.raises(SystemExit, match="measured: other"):
+        document.between("text", "other", "| 1 |")
 
 
 def test_ratios_against_a_commit_come_with_their_interval():

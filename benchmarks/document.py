@@ -1,0 +1,20 @@
+"""The measured parts of docs/benchmarks.md, each between two markers of its own."""
+
+from environments import ROOT
+
+DOCS = ROOT / "docs" / "benchmarks.md"
+END = "<!-- end -->"
+
+
+def write_between(name: str, text: str) -> None:
+    """Put `text` where the document has the measured part `name`."""
+    DOCS.write_text(between(DOCS.read_text(), name, text))
+
+
+def between(document: str, name: str, text: str) -> str:
+    """The document with `text` between the marker of `name` and the next end."""
+    start = f"<!-- measured: {name} -->"
+    head, found, rest = document.partition(start)
+    if not found:
+        raise SystemExit(f"{DOCS.name} has no line {start}")
+    return f"{head}{start}\n\n{text}\n\n{END}{rest.partition(END)[2]}"

@@ -1,0 +1,139 @@
+"""What antithetic pairs buy: the error of one control step against the number of samples, with and without them.
+
+    python benchmarks/variance.py [--keys N] [--docs]
+
+Along one closed-loop trial the same belief and nominal are given to planners with other keys. The error is that of the
+first control against the limit of many samples, so it holds the bias of the weights, too; times are those of `make
+bench`'s own clock. Writes outputs/bench/variance.json and .md; `--docs` writes docs/benchmarks.md too.
+"""
+
+import argparse
+import json
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+from mppi_belief.study import environment
+
+environment.prepare()
+
+import jax  # noqa: E402  the environment must be set before JAX starts
+import numpy as np  # noqa: E402
+from jax import Array  # noqa: E402
+
+from document import write_between  # noqa: E402
+from environments import ROOT  # noqa: E402
+from mppi_belief import MPPIBelief  # noqa: E402
+from mppi_belief.composing import collect  # noqa: E402
+from mppi_belief.experiment import Experiment, build, time_steps  # noqa: E402
+from mppi_belief.simulate import closed_loop  # noqa: E402
+
+SAMPLES = (50, 150, 500, 1500, 5000)
+STEPS = range(0, 30, 3)  # of the trial: the obstacles are passed in its first 3 s
+LIMIT = 50_000, 16  # samples and keys whose mean control counts as the limit
+SEED = 0
+
+
+class Noted(NamedTuple):
+    """A planner's diagnostics, and what it was given."""
+
+    ess: Array
+    given: "Moment"
+
+
+class Moment(NamedTuple):
+    """What the planner was given at some steps of a trial: beliefs and nominals (H, nu), stacked."""
+
+    beliefs: Any
+    plans: Array
+
+
+def main(argv: list[str] | None = None) -> None:
+    """Measure, write, print."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("--keys", type=int, default=200)
+    parser.add_argument("--docs", action="store_true", help="write docs/benchmarks.md too")
+    options = parser.parse_args(argv)
+    rows = [row for name in ("belief", "ce") for row in measure(name, options.keys)]
+    folder = ROOT / "outputs" / "bench"
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "variance.json").write_text(json.dumps(rows, indent=1))
+    text = markdown(rows, options.keys)
+    (folder / "variance.md").write_text(text + "\n")
+    if options.docs:
+        write_between("variance", text)
+    print(text)
+
+
+def measure(name: str, n_keys: int) -> list[dict[str, Any]]:
+    """A row for each number of samples: root mean square error of u (m/s^2) and ms a step, plain and mirrored."""
+    (config,) = collect([f"controller={name}"])
+    parts = build(config)
+    given = moments(parts)
+    exact = controls(parts, given, LIMIT[0], False, LIMIT[1], SEED + 1).mean(axis=1, keepdims=True)
+    rows = []
+    for n in SAMPLES:
+        row: dict[str, Any] = {"controller": name, "n_samples": n}
+        squares = {}
+        for label, mirrored in (("plain", "false"), ("mirrored", "true")):
+            errors = controls(parts, given, n, mirrored == "true", n_keys, SEED) - exact
+            squares[label] = np.mean(np.sum(errors**2, axis=-1), axis=0)
+            overrides = [f"controller={name}", f"planner.n_samples={n}", f"controller.antithetic={mirrored}"]
+            seconds = time_steps(collect(overrides)[0], 200)
+            row[label] = {"rmse": float(np.sqrt(squares[label].mean())), "ms": 1e3 * float(np.median(seconds))}
+        row["ratio"] = ratio(squares["mirrored"], squares["plain"])
+        rows.append(row)
+    return rows
+
+
+def ratio(a: np.ndarray, b: np.ndarray) -> list[float]:
+    """mean(a) / mean(b) with its 95 % bootstrap interval, drawn over the keys (n,) that both share."""
+    picks = np.random.default_rng(SEED).integers(len(a), size=(2000, len(a)))
+    low, high = np.quantile(a[picks].mean(axis=1) / b[picks].mean(axis=1), [0.025, 0.975])
+    return [float(a.mean() / b.mean()), float(low), float(high)]
+
+
+def moments(parts: Experiment) -> Moment:
+    """Trial 0 of the planner as configured: what it was given at `STEPS`."""
+    problem, filter, controller = parts
+
+    def act(problem: Any, belief: Any, plan: Array, key: Array) -> Any:
+        u, after, info = controller.act(problem, belief, plan, key)
+        return u, after, Noted(info.ess, Moment(belief, plan))
+
+    planner = type("Planner", (), {"init": staticmethod(controller.init), "act": staticmethod(act)})()
+    given = jax.jit(lambda: closed_loop(problem, filter, planner, SEED, 0, lambda info: info.given)[1])()
+    return jax.tree.map(lambda a: a[np.array(STEPS)], given)
+
+
+def controls(parts: Experiment, given: Moment, n: int, mirrored: bool, n_keys: int, seed: int) -> np.ndarray:
+    """First controls (steps, keys, nu)."""
+    planner: MPPIBelief = replace(parts.controller, n_samples=n, antithetic=mirrored)
+    keys = jax.random.split(jax.random.key(seed), n_keys)
+
+    @jax.jit
+    def first(at: Moment) -> Array:
+        return jax.lax.map(lambda key: planner.act(parts.problem, at.beliefs, at.plans, key)[0], keys)
+
+    steps = [jax.tree.map(lambda a, k=k: a[k], given) for k in range(len(STEPS))]
+    return np.stack([np.asarray(first(at), dtype=float) for at in steps])
+
+
+def markdown(rows: list[dict[str, Any]], n_keys: int) -> str:
+    """The table."""
+    lines = [
+        "| | N | error m/s² | with pairs | ratio of squares [95 %] | ms | with pairs |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    names = {"belief": "MPPI-Belief", "ce": "CE-MPPI"}
+    for row in rows:
+        plain, mirrored = row["plain"], row["mirrored"]
+        middle, low, high = row["ratio"]
+        lines.append(
+            f"| {names[row['controller']]} | {row['n_samples']} | {plain['rmse']:.3f} | {mirrored['rmse']:.3f} "
+            f"| {middle:.2f} [{low:.2f}, {high:.2f}] | {plain['ms']:.3f} | {mirrored['ms']:.3f} |"
+        )
+    return "\n".join([*lines, "", f"{n_keys} keys at each of {len(STEPS)} steps of one trial."])
+
+
+if __name__ == "__main__":
+    main()
