@@ -33,6 +33,10 @@ OPTIONS = r"no such option, choose from .*"
         (["problem.step=3"], r"unknown key 'problem\.step'; did you mean 'problem\.steps'\?"),
         (["planner.foo=1"], r"unknown key 'planner\.foo'; .*"),
         (["planner.horizn=1"], r"unknown key 'planner\.horizn'; did you mean 'planner\.horizon'\?"),
+        (
+            ["controller=ilqg", "controller.theta=1"],
+            r"'controller\.theta' is a key of another controller than the one chosen.*",
+        ),
         (["+planner.foo=1"], r"unknown key 'planner\.foo'; .*"),
         (["theta=1,2"], r"theta=1,2: several values; add -m to sweep over them"),
         (["-m", "theta=1,abc"], r"theta=abc: must be a number"),

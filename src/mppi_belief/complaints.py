@@ -33,7 +33,11 @@ def _whole_text(error: BaseException) -> str:
 
 def _unknown_key(found: re.Match[str], conf: Path) -> str:
     key = found["key"].strip("'\"+~")
-    return unknown_key(key, _known_keys(key.rpartition(".")[0], conf))
+    parent = key.rpartition(".")[0]
+    known = _known_keys(parent, conf)
+    if key in known:
+        return f"'{key}' is a key of another {parent.partition('.')[0]} than the one chosen; see mppi-belief run --cfg job"
+    return unknown_key(key, known)
 
 
 def _known_keys(parent: str, conf: Path) -> list[str]:
