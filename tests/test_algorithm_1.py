@@ -46,7 +46,10 @@ def compare(
     """Run both, on the controller's normals and factors."""
     found = step(problem, controller, start)
     planner = reference.Planner(q, phi, np.asarray(problem.cost.R), controller.temperature, problem.dt)
-    normals, factors = np.asarray(controller._normals(KEY, len(start.mean))), np.asarray(found.factors)
+    normals, factors = (
+        np.asarray(controller._normals(KEY, len(start.mean), controller.n_samples)),
+        np.asarray(found.factors),
+    )
     mean, cov = (np.asarray(part) for part in start)
     expected = reference.algorithm_1(model, planner, mean, cov, normals, factors, controller.schedule)
     np.testing.assert_allclose(found.u, expected, rtol=1e-8, atol=1e-10)
