@@ -5,7 +5,7 @@ ARGS ?=
 TEST_WORKERS ?= 2
 
 .DEFAULT_GOAL := help
-.PHONY: help install run report verify calibration test test-solver check lint types layers format bench bench-docs bench-compare picture clean
+.PHONY: help install run report verify calibration test test-solver check lint types layers format bench bench-docs bench-compare bench-scale picture clean
 
 help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -72,6 +72,9 @@ COMMIT ?= HEAD
 
 bench-compare: install  ## one control step of the working tree against COMMIT=..., interleaved: ratios
 	$(BIN)/python benchmarks/compare.py $(COMMIT) $(ARGS)
+
+bench-scale: install  ## whole studies on 1 and 2 cores, many samples, long runs, wide sweeps, start-up: ten minutes, into outputs/bench/
+	$(BIN)/python benchmarks/scale.py $(ARGS)
 
 picture: install  ## what README and docs/theory.md show: 200 trials of MPPI-Belief and of CE-MPPI, one of each animated; certificates
 	$(BIN)/mppi-belief run experiment=table_1 controller=belief,ce

@@ -1,0 +1,110 @@
+"""Throughput and scale: whole studies, many samples, long runs, wide sweeps, start-up.
+
+    python benchmarks/scale.py [PART ...] [--quick] [--docs]
+
+PART is one of table_1 samples long_run sweep start_up; all of them, about ten minutes, without one. Writes
+outputs/bench/scale.json and .md, where parts that are not run keep what they had, and prints the tables; `--docs`
+writes docs/benchmarks.md too. `--quick` runs a little of each, to see that it works, and writes nothing.
+"""
+
+import argparse
+import json
+import os
+import sys
+import tempfile
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import rounds
+from document import write_between
+from environments import ROOT
+from mppi_belief.study.provenance import provenance
+from remote import SubjectError
+from scaling import long_run, samples, start_up, sweep, table_1
+from scaling.processes import CommandError
+from scaling.sizes import QUICK, Sizes
+
+PARTS: dict[str, ModuleType] = {
+    "table_1": table_1,
+    "samples": samples,
+    "long_run": long_run,
+    "sweep": sweep,
+    "start_up": start_up,
+}
+OUTPUT = ROOT / "outputs" / "bench"
+
+
+def main(argv: list[str] | None = None) -> None:
+    """Measure, write, print; exits with 1 where a part failed."""
+    options = _options(argv)
+    report: dict[str, Any] = {} if options.quick else _stored()
+    for name in options.parts or PARTS:
+        report[name] = measured(PARTS[name], QUICK if options.quick else Sizes())
+        if not options.quick:
+            _write(report)
+    text = markdown(report)
+    if options.docs:
+        write_between("scale", text)
+    print(text)
+    sys.exit(any("error" in part for part in report.values()))
+
+
+def _options(argv: list[str] | None) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("parts", nargs="*", metavar="PART", help=f"of {' '.join(PARTS)}; all without one")
+    only = parser.add_mutually_exclusive_group()
+    only.add_argument("--quick", action="store_true", help="a little of everything, nothing written")
+    only.add_argument("--docs", action="store_true", help="write docs/benchmarks.md too")
+    options = parser.parse_args(argv)
+    for name in options.parts:
+        if name not in PARTS:
+            parser.error(f"{name}: not one of {', '.join(PARTS)}")
+    return options
+
+
+def measured(part: Any, sizes: Sizes) -> dict[str, Any]:
+    """The numbers of one part, or why there are none, and where they come from."""
+    kept = ("started", "commit", "dirty", "processor", "platform", "versions")
+    source = {key: value for key, value in provenance(sys.argv).items() if key in kept}
+    found: dict[str, Any] = {"source": source | {"load": os.getloadavg()}}
+    OUTPUT.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=OUTPUT, prefix="scale-") as folder:  # the disk that results go to
+        try:
+            found["numbers"] = part.measure(sizes, Path(folder))
+        except (CommandError, SubjectError) as error:
+            found["error"] = str(error)
+            rounds.say(f"{error}")
+    return found
+
+
+def markdown(report: dict[str, Any]) -> str:
+    """The tables of all parts that are there, what failed, when and where they were measured."""
+    shown = [name for name in PARTS if name in report]
+    parts = [PARTS[name].markdown(report[name]["numbers"]) for name in shown if "numbers" in report[name]]
+    parts += [f"Not measured: {name} ({report[name]['error']})" for name in shown if "error" in report[name]]
+    return "\n\n".join([*parts, "\n".join(_source(name, report[name]["source"]) for name in shown)])
+
+
+def _source(name: str, source: dict[str, Any]) -> str:
+    load = ", ".join(f"{value:.2f}" for value in source["load"])
+    commit = f"{(source['commit'] or 'unknown')[:12]}{' (changed)' if source['dirty'] else ''}"
+    machine = f"{source['processor']}, {source['platform']}, jax {source['versions']['jax']}"
+    return f"- `{name}`: {source['started']}, commit {commit}, {machine}, load average before {load}"
+
+
+def _stored() -> dict[str, Any]:
+    try:
+        stored: dict[str, Any] = json.loads((OUTPUT / "scale.json").read_text())
+    except (OSError, ValueError):
+        return {}
+    return stored
+
+
+def _write(report: dict[str, Any]) -> None:
+    (OUTPUT / "scale.json").write_text(json.dumps(report, indent=1))
+    (OUTPUT / "scale.md").write_text(markdown(report) + "\n")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,114 @@
+"""What one more sample costs: time of a control step by samples and steps ahead, peak memory of its process.
+
+Each number of samples is a process of its own, all on one CPU in interleaved rounds, as in `make bench`.
+"""
+
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+import rounds
+from mppi_belief.study.environment import cache_dir
+from plant import WARM_UP
+from remote import SubjectError
+from table import summary
+from workload import workload
+
+from .processes import PYTHON, peak_mb, programs
+from .sizes import Sizes
+
+CONTROLLERS = {"ce": "CE-MPPI", "belief": "MPPI-Belief"}
+
+
+def measure(sizes: Sizes, folder: Path) -> dict[str, Any]:
+    """For each controller rows over N and how flat the cost of a sample-step is."""
+    work = workload()
+    names = [f"{controller}-{n}" for controller in CONTROLLERS for n in sizes.samples]
+    cpu = rounds.one_cpu()
+    subjects = {name: _start(name, cpu, folder) for name in names}
+    try:
+        for name in names:
+            if _compiles(subjects[name], work):  # the compiler's memory is not the planner's
+                subjects[name].end()
+                subjects[name] = _start(name, cpu, folder)
+        results = rounds.measure(subjects, work, "float32", sizes.sample_rounds, work["steps"] - WARM_UP)
+        peaks = {name: peak_mb(one.process.pid) for name, one in subjects.items() if one.process.poll() is None}
+    finally:
+        rounds.end(list(subjects.values()))
+    found: dict[str, Any] = {"horizon": work["horizon"]}
+    for controller in CONTROLLERS:
+        rows = [_row(n, work["horizon"], f"{controller}-{n}", results, peaks) for n in sizes.samples]
+        good = [row for row in rows if "ns" in row]
+        found[controller] = {"rows": rows, "spread": spread([row["ns"] for row in good]), "fixed_ms": fixed_ms(good)}
+    return found
+
+
+def _start(name: str, cpu: int, folder: Path) -> Any:
+    return rounds.start(PYTHON, "scaled", name, cpu, folder / f"{name}.txt")
+
+
+def _compiles(subject: Any, work: dict[str, Any]) -> bool:
+    """Let a subject make its program; whether it was not there before."""
+    before = programs(cache_dir())
+    try:
+        subject.ask("prepare", workload=work, dtype="float32")
+        subject.ask("time", calls=1)
+    except SubjectError:  # told again, and kept, when it is measured
+        return False
+    return programs(cache_dir()) > before
+
+
+def _row(n: int, horizon: int, name: str, results: dict[str, Any], peaks: dict[str, float]) -> dict[str, Any]:
+    one = summary(results[name])
+    if "median_ms" not in one:
+        return {"n": n, "error": one.get("error", "no times")}
+    fastest = 1e3 * min(median(calls) for calls in results[name]["rounds"])
+    times = {"median_ms": one["median_ms"], "p95_ms": one["p95_ms"], "fastest_round_ms": fastest}
+    return {"n": n, **times, "ns": per_sample_step(one["median_ms"], n, horizon), "peak_mb": peaks[name]}
+
+
+def per_sample_step(ms: float, n: int, horizon: int) -> float:
+    """ns of one step of one sample, of a control step that took `ms`."""
+    return 1e6 * ms / (n * horizon)
+
+
+def spread(values: list[float]) -> float | None:
+    """The largest by the smallest."""
+    return max(values) / min(values) if values else None
+
+
+def fixed_ms(rows: list[dict[str, Any]]) -> float | None:
+    """What a step of the fewest samples takes beyond these samples at the price that they have among the most."""
+    if not rows:
+        return None
+    few, many = rows[0], rows[-1]
+    return few["median_ms"] - few["n"] * many["median_ms"] / many["n"]
+
+
+def markdown(numbers: dict[str, Any]) -> str:
+    """A table over N, both controllers side by side."""
+    lines = [
+        f"**Cost of a sample-step**, {numbers['horizon']} steps ahead, float32, one thread: median of a control step, "
+        f"the same by samples and steps ahead, peak memory of the process.",
+        "",
+        "| samples | " + " | ".join(f"{label} ms | ns | MB" for label in CONTROLLERS.values()) + " |",
+        "|---|" + "---|" * (3 * len(CONTROLLERS)),
+    ]
+    for rows in zip(*(numbers[name]["rows"] for name in CONTROLLERS), strict=True):
+        lines.append("| " + " | ".join([f"{rows[0]['n']:,}".replace(",", " "), *map(_cells, rows)]) + " |")
+    spreads, fixed = (
+        ", ".join(f"{_told(numbers[name][key])} ({label})" for name, label in CONTROLLERS.items())
+        for key in ("spread", "fixed_ms")
+    )
+    said = f"The dearest sample-step by the cheapest: {spreads}. ms that a step costs whatever its samples: {fixed}."
+    return "\n".join([*lines, "", said])
+
+
+def _told(value: float | None) -> str:
+    return "unknown" if value is None else f"{value:.2f}"
+
+
+def _cells(row: dict[str, Any]) -> str:
+    if "error" in row:
+        return f"{row['error']} | | "
+    return f"{row['median_ms']:.3f} | {row['ns']:.1f} | {row['peak_mb']:.0f}"

@@ -1,0 +1,20 @@
+"""Our controllers with a number of samples of choice, `ce-2000`, for `benchmarks/scale.py`."""
+
+from plant import Workload
+from subjects.ours import Controller
+
+
+def make(name: str, workload: Workload, dtype: str) -> "Scaled":
+    controller, _, n_samples = name.partition("-")
+    return Scaled(controller, int(n_samples), workload, dtype)
+
+
+class Scaled(Controller):
+    """A controller of `conf/controller`, asked for its time alone, so that its memory is that of one program."""
+
+    def __init__(self, controller: str, n_samples: int, workload: Workload, dtype: str) -> None:
+        super().__init__(controller, workload, dtype)
+        self.config["controller"]["n_samples"] = n_samples
+
+    def closed_loop(self) -> dict[str, float]:
+        return {}

@@ -1,0 +1,124 @@
+"""Programs are compiled for a structure, never for its numbers: what JAX reports of its own compilations."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import jax
+import numpy as np
+import pytest
+
+from cli_helpers import PLANNER, compose
+from experiment_helpers import compiled_quickly
+from mppi_belief.experiment import check, run_trials, time_steps
+
+TRACED, COMPILED = "jaxpr_trace_duration", "backend_compile_duration"
+GROUPS = ("system", "cost", "problem", "filter", "controller")
+
+
+@pytest.fixture(autouse=True, scope="module")
+def quick() -> Iterator[None]:
+    with compiled_quickly():
+        yield
+
+
+@contextmanager
+def noted(event: str) -> Iterator[list[str]]:
+    """The functions that JAX traces or compiles meanwhile; one found in a compilation cache counts, too."""
+    found: list[str] = []
+
+    def listen(name: str, seconds: float, **about: Any) -> None:
+        if name.rpartition("/")[2] == event:
+            found.append(about.get("fun_name", "?"))
+
+    jax.monitoring.register_event_duration_secs_listener(listen)
+    try:
+        yield found
+    finally:
+        jax.monitoring.unregister_event_duration_listener(listen)
+
+
+def moved(node: Any) -> Any:
+    """A configuration with every number in it moved by a hundredth, whole numbers and words left."""
+    if isinstance(node, dict):
+        return {key: moved(value) for key, value in node.items()}
+    if isinstance(node, list):
+        return [moved(value) for value in node]
+    return 1.01 * node + 0.001 if isinstance(node, float) else node
+
+
+def row_of(config: dict[str, Any]) -> dict[str, Any]:
+    """A trial of a cell, run as a worker does."""
+    (row,) = run_trials(config, [0]).rows
+    assert (row["status"], row["error"]) == ("ok", None)
+    return row
+
+
+def another(config: dict[str, Any]) -> dict[str, Any]:
+    """A cell that has no number in common with this one but its sizes."""
+    other = config | {group: moved(config[group]) for group in GROUPS} | {"seed": config["seed"] + 1}
+    assert other["system"]["obstacles"]["centers"] != config["system"]["obstacles"]["centers"]
+    return other
+
+
+def test_each_compilation_is_noted_once():
+    function = jax.jit(lambda x: 3 * x)
+    with noted(COMPILED) as compiled, noted(TRACED) as traced:
+        for value in (1.0, 2.0, 3.0):
+            function(value)
+        assert len(compiled) == len(traced) == 1
+        function(np.int32(1))
+    assert len(compiled) == len(traced) == 2
+    function(np.int8(1))
+    assert len(compiled) == 2  # nobody listens any more
+
+
+def test_no_number_of_a_cell_compiles_anything_anew():
+    config = compose(*PLANNER)
+    check(config)
+    first = row_of(config)
+    time_steps(config, 2)
+    other = another(config)
+    with noted(COMPILED) as compiled:
+        check(other)
+        with noted(TRACED) as traced:
+            assert row_of(other)["ess"] != first["ess"]
+            time_steps(other, 2)
+    assert (compiled, traced) == ([], [])
+
+
+def test_no_word_of_a_sweep_over_numbers_compiles_anything_anew():
+    row_of(compose(*PLANNER))
+    changes = [
+        ("theta=0",),
+        ("theta=3", "w_obs=0"),
+        ("w_obs=2500", "seed=5"),
+        ("planner.temperature=2",),
+        ("planner.control_std=1",),
+        ("problem.dt=1", "problem.prior_std=[1,1,0,0]"),
+        ("system.obstacles.centers=[[2,0],[4,1]]", "system.light=4"),
+    ]
+    with noted(COMPILED) as compiled, noted(TRACED) as traced:
+        found = {row_of(compose(*PLANNER, *change))["ess"] for change in changes}
+    assert (compiled, traced) == ([], [])
+    assert len(found) == len(changes)
+
+
+@pytest.mark.parametrize(
+    "structure",
+    [
+        ("controller=ce",),
+        ("controller=pipf", "filter.n_particles=4"),
+        ("controller=ilqg", "controller.max_iterations=2"),
+    ],
+    ids=" ".join,
+)
+def test_another_structure_is_compiled_and_then_no_number_of_it(structure):
+    row_of(compose(*PLANNER))
+    config = compose(*PLANNER, *structure)
+    with noted(COMPILED) as compiled:
+        row_of(config)
+    assert compiled
+    with noted(COMPILED) as compiled, noted(TRACED) as traced:
+        row_of(another(config))
+    assert (compiled, traced) == ([], [])
