@@ -24,11 +24,12 @@ class Batch(NamedTuple):
     scene: dict[str, Any] | None
 
 
-def config(seed: int = 0, **extra: Any) -> dict[str, Any]:
+def config(seed: int = 0, batch: int = 1, **extra: Any) -> dict[str, Any]:
     """The configuration of a cell that means nothing; `extra` goes to its system, so it makes another cell."""
     groups: dict[str, Any] = {group: {} for group in ("cost", "problem", "filter", "controller")}
     names = {"system": "fake", "cost": "fake", "filter": "fake", "controller": "fake"}
-    return {"system": extra, **groups, "names": names, "swept": {}, "seed": seed, "precision": "float32"}
+    how = {"precision": "float32", "platform": "cpu", "batch": batch}
+    return {"system": extra, **groups, "names": names, "swept": {}, "seed": seed, **how}
 
 
 def row(trial: int, **values: Any) -> dict[str, Any]:
@@ -100,6 +101,12 @@ def time_steps(config: dict[str, Any]) -> list[float]:
 def record(config: dict[str, Any]) -> dict[str, Any]:
     """One trial in detail."""
     return {"trial": config["record"], "samples": None, "matching": {}}
+
+
+def device(config: dict[str, Any]) -> str:
+    """Where it is asked for."""
+    answer(config, [-1])
+    return f"{os.environ.get('DEVICE', 'none')} {os.getpid()}"
 
 
 def hang(config: dict[str, Any], trials: Sequence[int]) -> None:

@@ -61,6 +61,8 @@ def users(system: dict[str, Any] | None = None, controller: dict[str, Any] | Non
         "names": {"system": "drifting", "cost": "goal", "filter": "ekf", "controller": "constant"},
         "seed": 0,
         "precision": "float32",
+        "platform": "cpu",
+        "batch": 1,
         "swept": {},
     }
 

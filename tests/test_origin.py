@@ -136,3 +136,8 @@ def test_nothing_has_no_origin():
     assert (found["commit"], found["commands"], found["trials"]) == ("-", "-", "0 in 1 cells")
     assert provenance([])
     assert warnings([]) == []
+
+
+def test_the_device_is_named_where_it_is_known():
+    assert told([complete(source(), source(device="NVIDIA H100"))])["device"] == "NVIDIA H100"
+    assert told([complete(source())])["device"] == "-"

@@ -1,5 +1,6 @@
 """What makes two cells the same, and which trials are still to run."""
 
+import itertools
 import math
 
 import pytest
@@ -25,7 +26,7 @@ def default_ids() -> dict[str, str]:
 def test_the_id_is_the_controller_and_a_hash_that_stays_the_same():
     """Results on disk are found by it: should it have to change, say so in the changelog."""
     made = Cell(config(seed=3, light=5.0, centers=[[3.0, -1.0]]))
-    assert made.id == "fake-7a2b4bc15517"
+    assert made.id == "fake-481b17b282fe"
     turned = Cell(dict(reversed(made.config.items())))
     assert turned.id == made.id
 
@@ -46,6 +47,9 @@ def test_a_number_that_is_not_finite_has_no_identity():
     [
         "n_trials=3",
         "workers=1",
+        "batch=1",
+        "batch=null",
+        "platform=cpu",
         "results_dir=elsewhere",
         "theta=1",
         "theta=1.0",
@@ -65,6 +69,9 @@ def test_what_does_not_change_a_trial_does_not_change_the_cell(change, default_i
         "w_obs=100",
         "seed=1",
         "precision=float64",
+        "batch=2",
+        "platform=gpu",
+        "platform=gpu batch=1",
         "planner.horizon=29",
         "planner.temperature=2",
         "controller.schedule=riccati",
@@ -78,7 +85,11 @@ def test_what_does_not_change_a_trial_does_not_change_the_cell(change, default_i
     ],
 )
 def test_what_changes_a_trial_changes_the_cell(change, default_ids):
-    assert cell_id("controller=belief", change) not in default_ids.values()
+    assert cell_id("controller=belief", *change.split()) not in default_ids.values()
+
+
+def test_a_batch_that_is_not_given_is_the_cell_of_its_size():
+    assert cell_id("platform=gpu", "batch=null") == cell_id("platform=gpu", "batch=200") != cell_id("batch=200")
 
 
 def test_theta_means_nothing_to_the_certainty_equivalent_controller(default_ids):
@@ -103,12 +114,14 @@ def test_every_cell_of_a_sweep_has_its_own_id():
     done=st.sets(st.integers(0, 6000), max_size=200),
     everything_below=st.integers(0, 5000),
     workers=st.integers(1, 300),
+    batch=st.integers(1, 300),
 )
-def test_chunks_are_exactly_the_missing_trials_once_each_in_order(n_trials, done, everything_below, workers):
+def test_chunks_are_exactly_the_missing_trials_once_each_in_order(n_trials, done, everything_below, workers, batch):
     done = done | set(range(everything_below))
-    made = list(chunks(Cell(config()), n_trials, done, workers))
+    made = list(chunks(Cell(config(batch=batch)), n_trials, done, workers))
     assert trials_of(made) == [trial for trial in range(n_trials) if trial not in done]
     assert all(chunk.trials for chunk in made)
+    assert all(one.trials[-1] // batch < other.trials[0] // batch for one, other in itertools.pairwise(made))
 
 
 @given(n_trials=st.integers(1, 5000), workers=st.integers(1, 64))
@@ -121,3 +134,11 @@ def test_every_worker_gets_a_share_and_no_chunk_is_much_to_lose(n_trials, worker
 def test_two_hundred_trials_go_out_in_chunks_of_ten():
     assert [len(chunk.trials) for chunk in chunks(Cell(config()), 200, (), 2)] == [10] * 20
     assert list(chunks(Cell(config()), 200, range(300), 2)) == []
+
+
+@pytest.mark.parametrize(
+    ("batch", "workers", "sizes"),
+    [(200, 1, [200]), (64, 2, [64, 64, 64, 8]), (8, 2, [16] * 12 + [8]), (8, 25, [8] * 25), (1000, 3, [200])],
+)
+def test_chunks_are_whole_batches(batch, workers, sizes):
+    assert [len(chunk.trials) for chunk in chunks(Cell(config(batch=batch)), 200, (), workers)] == sizes

@@ -125,6 +125,14 @@ def test_workers_are_given_import_paths_and_end_with_the_pool(tmp_path, monkeypa
     poll(ended([pid]), 10)
 
 
+def test_variables_are_the_workers_alone(monkeypatch):
+    monkeypatch.setenv("JAX_PLATFORMS", "cpu")
+    pool = Pool(answer, 1, [TESTS], print, {"JAX_PLATFORMS": "cuda"})
+    _, environment, _ = pool.call(path_and_environment, config(), [0])
+    assert (environment["JAX_PLATFORMS"], os.environ["JAX_PLATFORMS"]) == ("cuda", "cpu")
+    pool.close()
+
+
 def test_workers_die_with_a_parent_that_is_killed(tmp_path):
     script = f"import sys; sys.path.insert(0, {TESTS!r}); from study_helpers import *; hanging_pool({str(tmp_path)!r})"
     parent = subprocess.Popen([sys.executable, "-c", script], cwd=Path.cwd(), stderr=subprocess.DEVNULL)

@@ -3,6 +3,7 @@
 import errno
 import json
 import multiprocessing
+import os
 import signal
 from collections.abc import Callable, Iterator
 from functools import partial
@@ -11,12 +12,13 @@ from typing import Any
 
 import pytest
 
+from mppi_belief.settings import ConfigError
 from mppi_belief.study import results
 from mppi_belief.study.plan import Cell
 from mppi_belief.study.pool import Pool
 from mppi_belief.study.runner import Outcome, Task, run_study
 from mppi_belief.study.signals import StoppedAtOnce, polite_stop
-from study_helpers import TESTS, answer, config, failed_row, limited, record, run_trials, time_steps
+from study_helpers import TESTS, answer, config, device, failed_row, limited, record, run_trials, time_steps
 
 
 @pytest.fixture(autouse=True)
@@ -30,14 +32,15 @@ class Study:
 
     def __init__(self, root: Path, check: Callable[..., None] = lambda config: None) -> None:
         self.root, self.checked, self._check = root, [], check
+        self.device, self.variables = device, None
 
     def check(self, config: dict[str, Any]) -> None:
         self.checked.append(config["seed"])
         self._check(config)
 
     def run(self, *cells: Cell, n_trials: int = 12, workers: int = 1) -> Outcome:
-        task = Task(self.check, run_trials, time_steps, failed_row, record)
-        return run_study(cells, n_trials, self.root, workers, task, ["mppi-belief", "run"], [TESTS])
+        task = Task(self.check, run_trials, time_steps, failed_row, record, self.device)
+        return run_study(cells, n_trials, self.root, workers, task, ["mppi-belief", "run"], [TESTS], self.variables)
 
     def rows(self, cell: Cell) -> Any:
         return results.read_rows(self.root / cell.id)
@@ -124,6 +127,38 @@ def test_a_place_that_cannot_be_written_stops_a_study_before_it_runs(tmp_path):
         study.run(Cell(config()))
 
 
+def test_results_say_what_computed_them_here_or_in_the_workers_environment(study):
+    here, there = Cell(config(seed=1)), Cell(config(seed=2))
+    study.run(here)
+    study.variables = {"DEVICE": "another"}
+    study.run(there)
+    told = [
+        results.read_provenance(next((study.root / cell.id).glob("part-*")))["device"].split() for cell in (here, there)
+    ]
+    assert told[0] == ["none", str(os.getpid())]
+    assert told[1][0] == "another"
+    assert told[1][1] != str(os.getpid())
+
+
+@pytest.mark.parametrize(
+    ("fate", "error", "words"),
+    [("raises", ValueError, "trial -1 is cursed"), ("exits", ConfigError, "platform=cpu: the worker process died")],
+)
+def test_without_its_device_nothing_is_checked_or_written_and_no_worker_stays(fate, error, words, study):
+    study.variables = {"DEVICE": "another"}
+    with pytest.raises(error, match=words):
+        study.run(Cell(config(**{fate: -1})))
+    assert (study.checked, study.root.exists()) == ([], False)
+    assert multiprocessing.active_children() == []
+
+
+def test_where_all_is_done_no_device_is_asked_for(study):
+    cell = Cell(config())
+    study.run(cell)
+    study.device = partial(answer, trials=[-1], config=config(raises=-1))
+    assert study.run(cell) == Outcome({cell.id: 0}, {cell.id: 12}, None)
+
+
 def test_a_disk_that_fills_up_ends_a_study_and_its_workers_and_keeps_what_was_written(study, monkeypatch):
     cell, write, calls = Cell(config()), results.write_rows, []
 
@@ -175,7 +210,7 @@ def test_a_recording_is_made_once_and_only_where_a_cell_asks_for_one(study):
 
 def test_a_worker_that_dies_over_a_recording_leaves_none_and_the_rest_as_it_is(study):
     dying, living = (Cell(config(seed=seed, exits=99) | {"record": 99}) for seed in (0, 1))
-    fatal = Task(study.check, run_trials, time_steps, failed_row, partial(answer, trials=[99]))
+    fatal = Task(study.check, run_trials, time_steps, failed_row, partial(answer, trials=[99]), device)
     outcome = run_study([dying], 12, study.root, 1, fatal, ["mppi-belief", "run"], [TESTS])
     assert outcome == Outcome({dying.id: 12}, {dying.id: 0}, None)
     assert multiprocessing.active_children() == []

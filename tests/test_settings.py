@@ -6,15 +6,16 @@ from typing import Any
 
 import pytest
 
-from mppi_belief.settings import ConfigError, check, unknown_key
+from mppi_belief.settings import ConfigError, batch_size, batches, check, unknown_key
 
 
 def settings(**changes: Any) -> dict[str, Any]:
     top = {"theta": 1.0, "w_obs": 500.0, "seed": 0, "n_trials": 10, "workers": 2, "precision": "float32"}
+    how = {"platform": "cpu", "batch": None}
     planner = {"n_samples": 16, "horizon": 4, "temperature": 1.0, "control_std": None}
     groups: dict[str, Any] = {group: {} for group in ("problem", "system", "cost", "filter", "controller")}
     places = {"results_dir": "outputs", "report_dir": "outputs", "verify_dir": "outputs", "record": None}
-    return {**top, **places, "planner": planner, **groups, **changes}
+    return {**top, **how, **places, "planner": planner, **groups, **changes}
 
 
 @pytest.mark.parametrize(
@@ -29,6 +30,10 @@ def settings(**changes: Any) -> dict[str, Any]:
         ("n_trials", 10**7),
         ("workers", 1),
         ("precision", "float64"),
+        ("platform", "gpu"),
+        ("batch", None),
+        ("batch", 1),
+        ("batch", 10**5),
         ("record", 0),
         ("record", None),
         ("system", {"drift": -1e300, "centers": [[]], "note": "nan"}),
@@ -59,6 +64,9 @@ def test_what_is_in_range_passes_and_stays_as_it_is(key, value):
         ("workers", 0, "at least 1"),
         ("workers", 1025, "at most 1024"),
         ("precision", "float16", "one of float32, float64"),
+        ("platform", "tpu", "one of cpu, gpu"),
+        ("batch", 0, "at least 1"),
+        ("batch", 10**5 + 1, "at most"),
         ("results_dir", "", "name a folder"),
         ("results_dir", "  ", "name a folder"),
     ],
@@ -93,3 +101,17 @@ def test_unknown_keys_are_refused(key):
 def test_a_misspelt_key_gets_the_nearest_known_one():
     assert unknown_key("thetta", ["w_obs", "theta"]) == "unknown key 'thetta'; did you mean 'theta'?"
     assert unknown_key("xyz", ["w_obs", "theta"]) == "unknown key 'xyz'; see mppi-belief run --help"
+
+
+@pytest.mark.parametrize(
+    ("platform", "batch", "size"), [("cpu", None, 1), ("gpu", None, 200), ("cpu", 8, 8), ("gpu", 1, 1)]
+)
+def test_a_batch_that_is_not_given_is_what_suits_the_platform(platform, batch, size):
+    assert batch_size(settings(platform=platform, batch=batch)) == size
+
+
+def test_a_trial_is_in_the_same_batch_whichever_are_missing():
+    assert list(batches(range(7), 3)) == [(0, 1, 2), (3, 4, 5), (6,)]
+    assert list(batches([1, 5, 6, 11], 3)) == [(1,), (5,), (6,), (11,)]
+    assert list(batches([4, 9], 1)) == [(4,), (9,)]
+    assert list(batches([], 3)) == []

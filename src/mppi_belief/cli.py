@@ -88,19 +88,20 @@ def run(args: Sequence[str]) -> int:
         return 0
     from .study import environment
 
-    environment.prepare()
-    from .experiment import check, failed_row, record, run_trials, time_steps
+    first = configs[0]
+    variables = environment.prepare(first["platform"])
+    from .experiment import check, device, failed_row, record, run_trials, time_steps
     from .study.plan import Cell
     from .study.runner import Task, run_study
 
     import_paths = [str(Path(folder).resolve()) for folder in parse(args)[2]]
     sys.path[:0] = import_paths
     cells = {cell.id: cell for cell in map(Cell, configs)}
-    first = configs[0]
     root, n_trials = Path(first["results_dir"]), first["n_trials"]
-    task = Task(check, run_trials, time_steps, failed_row, record)
+    workers = 1 if first["platform"] == "gpu" else first["workers"]
+    task = Task(check, run_trials, time_steps, failed_row, record, device)
     command = ["mppi-belief", "run", *args]
-    outcome = run_study(list(cells.values()), n_trials, root, first["workers"], task, command, import_paths)
+    outcome = run_study(list(cells.values()), n_trials, root, workers, task, command, import_paths, variables)
     return _tell(list(cells.values()), root, n_trials, outcome)
 
 
@@ -143,7 +144,11 @@ def verify(args: Sequence[str]) -> int:
         return 0
     if len(configs) > 1:
         raise ConfigError("verify: one system at a time")
-    about_system = [word for word in overrides if _key(word) not in ("seed", "precision", *RUNTIME_KEYS)]
+    if configs[0]["platform"] != "cpu":
+        raise ConfigError(f"platform={configs[0]['platform']}: verify computes on the CPU")
+    about_system = [
+        word for word in overrides if _key(word) not in ("seed", "precision", "platform", "batch", *RUNTIME_KEYS)
+    ]
     if about_system and names:
         raise ConfigError(f"verify: either certificates or a system, not '{names[0]}' with '{about_system[0]}'")
     if folders and not about_system:
@@ -175,7 +180,8 @@ def _certify(config: dict[str, Any], names: Sequence[str], command: list[str]) -
     folder, lost = Path(config["verify_dir"]), []
     probe(folder)
     source = provenance(command) | {"seed": config["seed"]}
-    with contextlib.closing(certify_all(names, config["seed"], config["workers"], partial(start_worker, []))) as done:
+    start = partial(start_worker, [], {})
+    with contextlib.closing(certify_all(names, config["seed"], config["workers"], start)) as done:
         for one in tqdm(done, total=len(names), unit="certificate", disable=None):
             if one.certificate is None:
                 lost.append(one.name)

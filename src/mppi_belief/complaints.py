@@ -36,7 +36,9 @@ def _unknown_key(found: re.Match[str], conf: Path) -> str:
     parent = key.rpartition(".")[0]
     known = _known_keys(parent, conf)
     if key in known:
-        return f"'{key}' is a key of another {parent.partition('.')[0]} than the one chosen; see mppi-belief run --cfg job"
+        return (
+            f"'{key}' is a key of another {parent.partition('.')[0]} than the one chosen; see mppi-belief run --cfg job"
+        )
     return unknown_key(key, known)
 
 

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from .complaints import one_line
-from .settings import ConfigError, Settings
+from .settings import ConfigError, Settings, batch_size
 from .settings import check as check_settings
 
 # they do not change what a trial is
@@ -102,6 +102,7 @@ def collect(args: Sequence[str]) -> list[dict[str, Any]]:
 
     def job(composed: DictConfig) -> None:
         config: Any = OmegaConf.to_container(composed, resolve=True)
+        config["batch"] = batch_size(config)
         settings = HydraConfig.get()
         names = {group: settings.runtime.choices[group] for group in NAMED_GROUPS}
         keys = [override.lstrip("+~").partition("=")[0] for override in settings.overrides.task]
@@ -121,6 +122,8 @@ def collect(args: Sequence[str]) -> list[dict[str, Any]]:
     for key in RUNTIME_KEYS:
         if any(config[key] != configs[0][key] for config in configs):
             raise ConfigError(f"{key} cannot be swept: it does not change what a trial is")
+    if any(config["platform"] != configs[0]["platform"] for config in configs):
+        raise ConfigError("platform cannot be swept: a study is run on one device")
     return [config | label for config, label in zip(configs, labels, strict=True)]
 
 

@@ -3,13 +3,16 @@
 Uses OmegaConf's structured configs but no JAX, so that a wrong key is told before anything is loaded.
 """
 
+import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, fields
 from difflib import get_close_matches
 from typing import Any
 
 from omegaconf import MISSING
+
+DEFAULT_BATCH = {"cpu": 1, "gpu": 200}  # a GPU takes the 200 trials of Sec. VII at once
 
 
 class ConfigError(Exception):
@@ -39,6 +42,8 @@ class Settings:
     seed: int = _ranged(0, 2**31 - 1)
     n_trials: int = _ranged(1, 10**7)
     workers: int = _ranged(1, 1024)
+    platform: str = field(default=MISSING, metadata={"options": tuple(DEFAULT_BATCH)})
+    batch: int | None = field(default=None, metadata={"range": (1, 10**5)})
     precision: str = field(default=MISSING, metadata={"options": ("float32", "float64")})
     results_dir: str = MISSING
     report_dir: str = MISSING
@@ -50,6 +55,18 @@ class Settings:
     cost: dict[str, Any] = MISSING
     filter: dict[str, Any] = MISSING
     controller: dict[str, Any] = MISSING
+
+
+def batch_size(config: dict[str, Any]) -> int | None:
+    """How many trials advance together: `batch`, or what its platform takes by itself."""
+    return config["batch"] if config["batch"] is not None else DEFAULT_BATCH.get(config["platform"])
+
+
+def batches(trials: Sequence[int], size: int) -> Iterator[tuple[int, ...]]:
+    """Trials in ascending order as batches: those of one have the same trial // size, so that each trial has its
+    batch and its place in it whichever others are missing."""
+    for _, together in itertools.groupby(trials, lambda trial: trial // size):
+        yield tuple(together)
 
 
 def labels(config: dict[str, Any]) -> dict[str, Any]:

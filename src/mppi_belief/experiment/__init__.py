@@ -3,6 +3,7 @@
 import jax
 
 from .build import Experiment, build, check
+from .device import device
 from .recording import record
 from .timing import time_steps
 from .trials import KEPT_PATHS, Batch, failed_row, run_trials
@@ -13,6 +14,7 @@ __all__ = [
     "Experiment",
     "build",
     "check",
+    "device",
     "failed_row",
     "record",
     "run_trials",

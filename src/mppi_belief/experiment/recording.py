@@ -16,13 +16,14 @@ from ..matching import best_weight, matched_weight, residual
 from ..problem import Controller, Filter, Problem
 from ..simulate import closed_loop
 from .build import build
+from .device import computing
 
 SHOWN = 40  # sampled paths kept of each step: the heaviest quarter, and the first of the others
 
 
 def record(config: dict[str, Any]) -> dict[str, Any]:
     """Run the trial `config["record"]` again and keep what `run_trials` does not."""
-    with jax.enable_x64(config["precision"] == "float64"):
+    with computing(config):
         parts = jax.device_put(build(config))
         samples, controls, means = _run(*parts, config["seed"], config["record"])
         kept = None if samples is None else _thin(*(np.asarray(part, dtype=float) for part in samples))

@@ -8,11 +8,12 @@ import jax
 
 from ..simulate import BEFORE, FILTER, PLANNER, PLANT, draw_state, respond, role_key, seen
 from .build import Experiment, build
+from .device import computing
 
 
 def time_steps(config: dict[str, Any], calls: int = 200) -> list[float]:
     """Wall times (s) of single control steps in closed loop, compiled, after warm-up, each waited for."""
-    with jax.enable_x64(config["precision"] == "float64"):
+    with computing(config):
         parts = jax.device_put(build(config))
         act, rest = _step_functions()
         times: list[float] = []

@@ -1,19 +1,25 @@
 """From a cell's configuration to rows: the trials a worker runs.
 
 A cell's configuration is a plain dict: what each of its parts is built from, the `names` chosen for them, a
-`seed`, a `precision`, and what was `swept`. It is all a worker gets, so a row depends on nothing else.
+`seed`, a `precision`, a `platform`, a `batch`, and what was `swept`. It is all a worker gets, so a row depends on
+nothing else.
+
+A batch is one program for `batch` trials. Its last digits may depend on the place a trial has in it, so trial i
+always has place i mod `batch`; places of trials that are not wanted repeat one that is.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from ..problem import Controller, Filter, Problem
-from ..settings import labels
+from ..settings import batches, labels
 from ..simulate import Metrics, Trial, metrics, simulate_trial
-from .build import build
+from .build import Experiment, build
+from .device import computing
 from .scene import describe_scene
 
 KEPT_PATHS = 50  # trajectories are kept for the first so many trials, for figures
@@ -29,26 +35,59 @@ class Batch(NamedTuple):
 
 @jax.jit
 def _run(problem: Problem, filter: Filter, controller: Controller, seed: Any, trial: Any) -> tuple[Metrics, Trial]:
-    result = simulate_trial(problem, filter, controller, seed, trial)
-    return metrics(problem, result), result
+    """One trial () or, with one more axis at the front of all results, those of a batch (B,)."""
+
+    def one(trial: Any) -> tuple[Metrics, Trial]:
+        result = simulate_trial(problem, filter, controller, seed, trial)
+        return metrics(problem, result), result
+
+    return jax.vmap(one)(trial) if jnp.ndim(trial) else one(trial)
 
 
 def run_trials(config: dict[str, Any], trials: Sequence[int]) -> Batch:
-    """Run some trials of a cell, one after the other; an exception in one becomes its row's status."""
+    """Run some trials of a cell (ascending), a batch at a time; an exception in one becomes its row's status."""
     rows, paths = [], []
-    with jax.enable_x64(config["precision"] == "float64"):
+    with computing(config):
         parts = build(config)
-        for trial in trials:
-            try:
-                judged, result = jax.device_get(_run(*parts, config["seed"], trial))
-            except Exception as error:
-                rows.append(failed_row(config, trial, "error", f"{type(error).__name__}: {error}"))
-                continue
-            rows.append(_row(config, trial, judged, result))
-            if trial < KEPT_PATHS:
-                paths += _path_rows(trial, result)
+        for together in batches(trials, config["batch"]):
+            for trial, outcome in _outcomes(parts, config, together):
+                if isinstance(outcome, Exception):
+                    rows.append(failed_row(config, trial, "error", f"{type(outcome).__name__}: {outcome}"))
+                    continue
+                judged, result = outcome
+                rows.append(_row(config, trial, judged, result))
+                if trial < KEPT_PATHS:
+                    paths += _path_rows(trial, result)
         scene = describe_scene(parts.problem) if paths else None
     return Batch(rows, paths, scene)
+
+
+def _outcomes(
+    parts: Experiment, config: dict[str, Any], trials: Sequence[int]
+) -> Iterator[tuple[int, tuple[Metrics, Trial] | Exception]]:
+    """What became of each of the trials of one batch; a batch that raises is halved, down to the trial that does."""
+    size = config["batch"]
+    try:
+        results = jax.device_get(_run(*parts, config["seed"], _places(trials, size)))
+    except Exception as error:
+        if len(trials) == 1:
+            yield trials[0], error
+            return
+        middle = len(trials) // 2
+        yield from _outcomes(parts, config, trials[:middle])
+        yield from _outcomes(parts, config, trials[middle:])
+        return
+    for trial in trials:
+        yield trial, results if size == 1 else jax.tree.map(lambda values, at=trial % size: values[at], results)
+
+
+def _places(trials: Sequence[int], size: int) -> int | np.ndarray:
+    """The trial at each place of their batch (size,); of a batch of one just the trial."""
+    if size == 1:
+        return trials[0]
+    places = np.full(size, trials[0])
+    places[[trial % size for trial in trials]] = trials
+    return places
 
 
 def _row(config: dict[str, Any], trial: int, judged: Metrics, result: Trial) -> dict[str, Any]:

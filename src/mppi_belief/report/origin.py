@@ -17,6 +17,7 @@ def provenance(founds: Sequence[Found]) -> list[tuple[str, str]]:
         ("versions", ", ".join(f"{name} {_all(one.get(name) for one in versions)}" for name in packages)),
         ("machine", _all(f"{source.get('processor')}, {source.get('platform')}" for source in sources)),
         ("seeds", _all(found.labels["seed"] for found in founds)),
+        ("device", _all(source["device"] for source in sources if source.get("device"))),
         ("precision", _all(found.cell.config["precision"] for found in founds)),
         ("trials", f"{sum(len(found.rows) for found in founds)} in {len(founds)} cells"),
         ("wall time", f"{_wall_time(sources) / 60:.1f} min of running trials"),

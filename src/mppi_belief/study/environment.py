@@ -5,6 +5,7 @@ are many times slower than with one.
 """
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
 
 _ONE_THREAD = {
@@ -22,6 +23,7 @@ _XLA = (
     "--xla_backend_extra_options=xla_cpu_small_while_loop_byte_threshold=1000000",
     "--xla_cpu_prefer_vector_width=512",  # a third off the cost of exponentials where the CPU has AVX-512
 )
+_XLA_GPU = ("--xla_gpu_deterministic_ops=true",)  # else the fastest of several algorithms, as timed in that very run
 
 
 def cache_dir() -> Path:
@@ -30,17 +32,35 @@ def cache_dir() -> Path:
     return Path(base) / "mppi-belief" / "xla"
 
 
-def prepare() -> None:
-    """Set the environment of this process and of those it will start; what the user has set stays."""
+def prepare(platform: str = "cpu") -> dict[str, str]:
+    """Set the environment of this process and of those it will start; what the user has set stays.
+
+    Returns the variables that the workers of a platform need besides. Only they compute on a GPU, and of its
+    memory they take what they use.
+    """
     for name, value in _ONE_THREAD.items():
         os.environ.setdefault(name, value)
-    given = os.environ.get("XLA_FLAGS", "").split()
-    names = {flag.partition("=")[0] for flag in given}
-    os.environ["XLA_FLAGS"] = " ".join([*given, *(flag for flag in _XLA if flag.partition("=")[0] not in names)])
-    os.environ.setdefault("JAX_PLATFORMS", "cpu")
+    os.environ["XLA_FLAGS"] = _with_flags(_XLA)
+    given = os.environ.get("JAX_PLATFORMS")
+    if platform == "gpu" or not given:
+        os.environ["JAX_PLATFORMS"] = "cpu"
     os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(cache_dir()))
     os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
     os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
+    if platform == "cpu":
+        return {}
+    return {
+        "JAX_PLATFORMS": given or "cuda",
+        "XLA_FLAGS": _with_flags(_XLA_GPU),
+        "XLA_PYTHON_CLIENT_PREALLOCATE": os.environ.get("XLA_PYTHON_CLIENT_PREALLOCATE", "false"),
+    }
+
+
+def _with_flags(flags: Sequence[str]) -> str:
+    """XLA_FLAGS with these added, but for those that are there already."""
+    given = os.environ.get("XLA_FLAGS", "").split()
+    names = {flag.partition("=")[0] for flag in given}
+    return " ".join([*given, *(flag for flag in flags if flag.partition("=")[0] not in names)])
 
 
 def threads() -> dict[str, str]:

@@ -1,13 +1,16 @@
 """What to run: cells, their identity, and the chunks of trials still missing."""
 
 import hashlib
+import itertools
 import json
 import math
 from collections.abc import Collection, Iterator
 from typing import Any, NamedTuple
 
-ALGORITHM_VERSION = 1  # raise when the same configuration would give other numbers
-IDENTITY = ("system", "cost", "problem", "filter", "controller", "names", "seed", "precision")
+from ..settings import batches
+
+ALGORITHM_VERSION = 2  # raise when the same configuration would give other numbers
+IDENTITY = ("system", "cost", "problem", "filter", "controller", "names", "seed", "precision", "platform", "batch")
 SMALLEST_CHUNK = 10
 
 
@@ -32,9 +35,10 @@ class Chunk(NamedTuple):
 
 
 def chunks(cell: Cell, n_trials: int, done: Collection[int], workers: int) -> Iterator[Chunk]:
-    """The trials 0..n_trials-1 that are not done, in pieces small enough to share out and to lose."""
-    missing = [trial for trial in range(n_trials) if trial not in done]
+    """The trials 0..n_trials-1 that are not done, in pieces small enough to share out and to lose; whole batches."""
+    size = cell.config["batch"]
+    missing = list(batches([trial for trial in range(n_trials) if trial not in done], size))
     share = math.ceil(len(missing) / workers)
-    size = min(share, max(SMALLEST_CHUNK, math.ceil(share / 200)))
-    for start in range(0, len(missing), max(size, 1)):
-        yield Chunk(cell, tuple(missing[start : start + size]))
+    count = min(share, max(math.ceil(SMALLEST_CHUNK / size), math.ceil(share / 200)))
+    for start in range(0, len(missing), max(count, 1)):
+        yield Chunk(cell, tuple(itertools.chain.from_iterable(missing[start : start + count])))

@@ -34,12 +34,19 @@ class Lost(NamedTuple):
 
 
 class Pool:
-    """Runs `work(config, trials)` on chunks; `import_paths` are added to the workers' module search path."""
+    """Runs `work(config, trials)` on chunks; `import_paths` are added to the workers' module search path, `variables`
+    to their environment."""
 
     def __init__(
-        self, work: Callable[..., Any], workers: int, import_paths: list[str], log: Callable[[str], None]
+        self,
+        work: Callable[..., Any],
+        workers: int,
+        import_paths: list[str],
+        log: Callable[[str], None],
+        variables: dict[str, str] | None = None,
     ) -> None:
-        self._work, self._workers, self._import_paths, self._log = work, workers, import_paths, log
+        self._work, self._workers, self._log = work, workers, log
+        self._start = (import_paths, variables or {})
         self._executor: ProcessPoolExecutor | None = None
         self._stopping = threading.Event()
 
@@ -105,8 +112,9 @@ class Pool:
         try:
             if self._executor is None:
                 context = multiprocessing.get_context("spawn")
-                start = (self._import_paths,)
-                self._executor = ProcessPoolExecutor(self._workers, context, initializer=start_worker, initargs=start)
+                self._executor = ProcessPoolExecutor(
+                    self._workers, context, initializer=start_worker, initargs=self._start
+                )
             try:
                 return self._executor.submit(function, *args)
             except BrokenProcessPool as error:
@@ -142,10 +150,11 @@ class Pool:
         yield culprit, Lost("crashed", f"the worker process died {STRIKES} times in this trial")
 
 
-def start_worker(import_paths: list[str]) -> None:
-    """Leave signals to the parent, and die with it."""
+def start_worker(import_paths: list[str], variables: dict[str, str]) -> None:
+    """Leave signals to the parent, and die with it. The variables are set before any work is imported."""
     for number in STOPPING:
         signal.signal(number, signal.SIG_IGN)
+    os.environ.update(variables)
     sys.path[:0] = import_paths
     parent = multiprocessing.parent_process()
     if parent is None:

@@ -7,9 +7,10 @@ from typing import Any, NamedTuple
 
 from tqdm import tqdm
 
+from ..settings import ConfigError
 from . import results
 from .plan import Cell, Chunk, chunks
-from .pool import Lost, Pool
+from .pool import Lost, Pool, WorkerDied
 from .provenance import provenance
 from .signals import StoppedAtOnce, polite_stop
 
@@ -20,7 +21,8 @@ class Task(NamedTuple):
     check(config) raises where a configuration cannot be run; run_trials(config, trials) returns an
     object with `rows`, `paths` and `scene`; time_steps(config) returns seconds of single control steps;
     failed_row(config, trial, status, error) is the row of a trial without result; record(config) returns
-    one trial in detail as JSON, where a cell asks for it.
+    one trial in detail as JSON, where a cell asks for it; device(config) names what computes it, and raises where
+    that is not there.
     """
 
     check: Callable[..., None]
@@ -28,6 +30,7 @@ class Task(NamedTuple):
     time_steps: Callable[..., list[float]]
     failed_row: Callable[..., dict[str, Any]]
     record: Callable[..., dict[str, Any]]
+    device: Callable[..., str]
 
 
 class Outcome(NamedTuple):
@@ -46,28 +49,31 @@ def run_study(
     task: Task,
     command: list[str],
     import_paths: Sequence[str] = (),
+    variables: dict[str, str] | None = None,
 ) -> Outcome:
-    """Run the missing trials of all cells and time their control steps; raises OSError where it cannot write."""
+    """Run the missing trials of all cells and time their control steps; raises OSError where it cannot write.
+
+    `import_paths` and `variables` are what the workers' module search path and environment have besides.
+    """
     done = {cell.id: set(results.read_rows(root / cell.id, tqdm.write)["trial"]) for cell in cells}
     found = {cell.id: sum(trial < n_trials for trial in done[cell.id]) for cell in cells}
     todo = [chunk for cell in cells for chunk in chunks(cell, n_trials, done[cell.id], workers)]
-    for cell in {chunk.cell.id: chunk.cell for chunk in todo}.values():
-        task.check(cell.config)
-    results.probe(root)
     ran = dict.fromkeys(found, 0)
-    pool = Pool(task.run_trials, workers, list(import_paths), tqdm.write)
+    pool = Pool(task.run_trials, workers, list(import_paths), tqdm.write, variables)
     started = provenance(command)
 
     def stop() -> None:
         pool.stop()
         tqdm.write("stopping: finishing the trials that run; once more to stop at once")
 
-    with polite_stop(stop) as signal, _progress(n_trials * len(cells), sum(found.values())) as bar:
+    with polite_stop(stop) as signal:
         try:
-            for chunk, batch in pool.run(todo):
-                _keep(root, chunk, batch, task, started)
-                ran[chunk.cell.id] += len(chunk.trials)
-                bar.update(len(chunk.trials))
+            started["device"] = _check(todo, root, task, pool if variables else None)
+            with _progress(n_trials * len(cells), sum(found.values())) as bar:
+                for chunk, batch in pool.run(todo):
+                    _keep(root, chunk, batch, task, started)
+                    ran[chunk.cell.id] += len(chunk.trials)
+                    bar.update(len(chunk.trials))
             for cell in cells:
                 if signal.number is None:
                     _extras(root, cell, pool, task)
@@ -77,6 +83,23 @@ def run_study(
             if not isinstance(error, StoppedAtOnce):
                 raise
     return Outcome(ran, found, signal.number)
+
+
+def _check(todo: Sequence[Chunk], root: Path, task: Task, pool: Pool | None) -> str | None:
+    """The device on which all is to run, of the pool's workers or of this process too, once all else is checked."""
+    cells = list({chunk.cell.id: chunk.cell for chunk in todo}.values())
+    device = _device(cells[0].config, task, pool) if cells else None
+    for cell in cells:
+        task.check(cell.config)
+    results.probe(root)
+    return device
+
+
+def _device(config: dict[str, Any], task: Task, pool: Pool | None) -> str:
+    try:
+        return str(pool.call(task.device, config) if pool else task.device(config))
+    except WorkerDied as error:
+        raise ConfigError(f"platform={config['platform']}: {error} when it looked for its device") from error
 
 
 def _progress(total: int, initial: int) -> Any:
