@@ -52,7 +52,7 @@ def _options(argv: list[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("names", nargs="*", help="contestants, kinds or environments; all without one")
     parser.add_argument("--rounds", type=int, default=8)
-    parser.add_argument("--calls", type=int, default=30, help="in each round")
+    parser.add_argument("--calls", type=int, default=55, help="in each round; with the warm-up just one trial")
     parser.add_argument("--dtype", action="append", choices=DTYPES, help="float32 or float64; both without it")
     parser.add_argument("--docs", action="store_true", help="write docs/benchmarks.md too")
     return parser.parse_args(argv)

@@ -17,4 +17,7 @@ def between(document: str, name: str, text: str) -> str:
     head, found, rest = document.partition(start)
     if not found:
         raise SystemExit(f"{DOCS.name} has no line {start}")
-    return f"{head}{start}\n\n{text}\n\n{END}{rest.partition(END)[2]}"
+    old, ended, tail = rest.partition(END)
+    if not ended or "<!-- measured:" in old:
+        raise SystemExit(f"{DOCS.name}: what was measured after {start} does not end with {END}")
+    return f"{head}{start}\n\n{text}\n\n{END}{tail}"

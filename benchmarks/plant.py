@@ -59,7 +59,8 @@ class Planner:
         raise NotImplementedError
 
     def time(self, calls: int) -> list[float]:
-        """Seconds of single control steps in closed loop, trial after trial."""
+        """Seconds of single control steps in closed loop, from the start of a trial on."""
+        self._x = None
         return [self._timed_step() for _ in range(WARM_UP + calls)][WARM_UP:]
 
     def _timed_step(self) -> float:

@@ -37,6 +37,7 @@ FUNCTIONS = {
     "two matrices of the sample": lambda x, u: jnp.outer(x, u) @ jnp.outer(u, x),
     "a batch of products": lambda x, u: jnp.einsum("ij,ij->i", jnp.outer(u, x), A[:2]),
     "a product too long to write out": lambda x, u: LONG.T @ A @ x @ LONG.T,
+    "a product of nothing": lambda x, u: jnp.zeros((3, 0)) @ x[:0],
     "reductions": lambda x, u: jnp.sum(jnp.outer(x, u), axis=0) + jnp.max(x) - jnp.min(u),
     "mean and variance": lambda x, u: jnp.mean(x) + jnp.var(x),
     "shapes": lambda x, u: jnp.outer(x, u).reshape(2, 4).T[None],
@@ -83,5 +84,13 @@ def test_a_step_of_the_dynamics_moves_no_sample_to_another_axis():
 
 
 def test_the_number_of_samples_must_agree():
-    with pytest.raises(ValueError, match="broadcast"):
-        vmap_last(lambda x, u: x + u[0], (True, True))(jnp.ones((4, 5)), jnp.ones((2, 6)))
+    for other in (6, 1):
+        with pytest.raises(ValueError, match="number of samples"):
+            vmap_last(lambda x, u: x + u[0], (True, True))(jnp.ones((4, 5)), jnp.ones((2, other)))
+
+
+def test_a_product_has_the_type_asked_for():
+    a = jnp.full((4, 3), 100, jnp.int8)
+    found = vmap_last(lambda a: jnp.dot(a, a, preferred_element_type=jnp.int32), [True])(a)
+    assert found.dtype == jnp.int32
+    np.testing.assert_array_equal(found, 40_000)

@@ -209,6 +209,11 @@ def test_a_document_without_the_part_is_left_alone():
         document.between("text", "other", "| 1 |")
 
 
+def test_a_part_without_an_end_is_not_written():
+    with pytest.raises(SystemExit, match="does not end"):
+        document.between("<!-- measured: a -->\n<!-- measured: b -->\n<!-- end -->", "a", "| 1 |")
+
+
 def test_ratios_against_a_commit_come_with_their_interval():
     here = [[0.9 * base] * 5 for base in (1.0, 2.0, 1.5)]
     there = [[base] * 5 for base in (1.0, 2.0, 1.5)]

@@ -217,6 +217,15 @@ def test_alpha_means_the_same_for_the_exact_spread_given_or_not(alpha, scalar, x
     np.testing.assert_allclose(pi.girsanov_weight(problem, scalar.temperature, None, alpha), named, rtol=1e-10)
 
 
+def test_weights_of_blocks_are_normalised_even_if_no_cost_is_finite(monkeypatch, x64):
+    monkeypatch.setattr(pi, "BLOCK", 4)
+    _, w, _ = pi.weighted_in_blocks(
+        lambda key, n: (jnp.ones((2, 1, n)), jnp.full(n, jnp.nan), jnp.zeros((2, 3, n))), jax.random.key(0), 9, 1.0
+    )
+    np.testing.assert_allclose(w, 1 / 9, rtol=0.3)
+    np.testing.assert_allclose(jnp.sum(w), 1, rtol=1e-12)
+
+
 @pytest.mark.parametrize("block", [4, 100])
 def test_paths_without_a_finite_cost_weigh_nothing_in_any_block(block, monkeypatch, x64):
     monkeypatch.setattr(pi, "BLOCK", block)

@@ -13,7 +13,7 @@ class Sizes(NamedTuple):
     long_trials: int = 10_000
     long_settled: int = 1000  # growth is counted after so many trials
     sweep_cells: tuple[int, int] = (4, 40)
-    sweep_rounds: int = 3
+    sweep_rounds: int = 1
     starts: int = 5
 
 

@@ -24,6 +24,7 @@ from plant import Planner, Workload
 
 def make(name: str, workload: Workload, dtype: str) -> Planner:
     jax.config.update("jax_enable_x64", dtype == "float64")
+    jax.config.update("jax_cpu_enable_async_dispatch", False)  # as ours runs
     return {"faran_jax": FaranJax, "faran_jax_one_jit": FaranOneJit, "faran_numpy": FaranNumPy}[name](workload, dtype)
 
 

@@ -1,4 +1,5 @@
-"""The floors of our controllers: what no planner of this kind can do without, each as one compiled program.
+"""The floors of our controllers: what no planner of this kind can do without, each as one compiled program of our code,
+its result summed, so that large arrays need not leave it.
 
 The normals of all samples (half of them where the controller mirrors them), the bare rollouts of their controls, the
 schedule of covariances along a nominal. "floor_ce" is normals and rollouts together, "floor_belief" these and one
@@ -56,11 +57,11 @@ class Floor:
             normals = standard_normal(key, (*plan.shape, self.drawn))
             half = self.drawn < controls.shape[-1]
             controls = jnp.concatenate([normals, -normals], axis=-1)[..., : controls.shape[-1]] if half else normals
-            made.append(controls)
+            made.append(jnp.sum(controls))
         if "rollout" in self.parts:
-            made.append(rollouts(self.problem, belief.mean, plan[:, :, None] + controls))
+            made.append(jnp.sum(rollouts(self.problem, belief.mean, plan[:, :, None] + controls)))
         if "schedule" in self.parts:
-            made.append(gain_schedule(self.problem, belief, plan, self.controller.schedule).cov)
+            made.append(jnp.sum(gain_schedule(self.problem, belief, plan, self.controller.schedule).cov))
         return made
 
     def time(self, calls: int) -> list[float]:

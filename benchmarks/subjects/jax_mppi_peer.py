@@ -25,6 +25,7 @@ class JaxMppi(Planner):
     def __init__(self, workload: Workload, dtype: str) -> None:
         super().__init__(workload, dtype)
         jax.config.update("jax_enable_x64", dtype == "float64")
+        jax.config.update("jax_cpu_enable_async_dispatch", False)  # as ours runs
         self.versions = {name: version(name) for name in ("jax-mppi", "jax", "numpy")}
         self.config, self.first = mppi.create(
             nx=4,

@@ -41,7 +41,10 @@ def vmap_last(function: Callable[..., Any], mapped: Sequence[bool]) -> Callable[
 
     def mapping(*arrays: Any) -> Any:
         values = [_Value(jnp.asarray(a), m) for a, m in zip(arrays, mapped, strict=True)]
-        n = next(v.array.shape[-1] for v in values if v.mapped)
+        sizes = sorted({v.array.shape[-1] for v in values if v.mapped})
+        if len(sizes) > 1:
+            raise ValueError(f"the last axes must have one size, the number of samples; they have {sizes}")
+        n = sizes[0]
         one = [jax.ShapeDtypeStruct(v.array.shape[:-1] if v.mapped else v.array.shape, v.array.dtype) for v in values]
         traced, shapes = jax.make_jaxpr(function, return_shape=True)(*one)
         outputs = _replay(traced, values, n)
@@ -125,7 +128,8 @@ def _aval(variable: Any) -> jax.ShapeDtypeStruct:
 def _is_short(equation: core.JaxprEqn) -> bool:
     (left, _), (batch, _) = equation.params["dimension_numbers"]
     a, b = (_aval(v) for v in equation.invars)
-    return not batch and a.dtype == b.dtype and math.prod(a.shape[i] for i in left) <= LARGEST_UNROLLED
+    plain = equation.params["preferred_element_type"] in (None, a.dtype) and a.dtype == b.dtype
+    return plain and not batch and 0 < math.prod(a.shape[i] for i in left) <= LARGEST_UNROLLED
 
 
 def _product(contracted: tuple[Sequence[int], Sequence[int]], a: _Value, b: _Value) -> Array:

@@ -14,6 +14,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+from omegaconf import OmegaConf
+
 from .complaints import one_line
 from .settings import ConfigError, Settings, batch_size
 from .settings import check as check_settings
@@ -79,23 +81,31 @@ def parse(args: Sequence[str]) -> tuple[list[str], list[str], list[str]]:
 def grids(args: Sequence[str]) -> list[list[str]]:
     """The arguments of each grid of a study NAME: NAME.yaml, then every NAME.*.yaml beside it.
 
-    One grid crosses all it sweeps; methods whose settings are different keys need one each.
+    One grid crosses all it sweeps; methods whose settings are different keys need one each. Setting a key that
+    NAME.yaml sweeps asks for a part of that grid, and for no other.
     """
     made = [list(args)]
     for at, arg in enumerate(args):
         group, _, study = arg.partition("=")
         if group == "experiment":
             folders = [folder / group for folder in (conf_dir(), *map(Path, parse(args)[2]))]
-            options = sorted({path.stem for folder in folders for path in folder.glob("*.yaml")})
-            more = [option for option in options if option.startswith(f"{study}.")]
+            files = {path.stem: path for folder in folders for path in sorted(folder.glob("*.yaml"))}
+            if study not in files or swept(files[study]) & {word.partition("=")[0].lstrip("+~") for word in args}:
+                return made
+            more = [option for option in sorted(files) if option.startswith(f"{study}.")]
             made += [[*args[:at], f"{group}={option}", *args[at + 1 :]] for option in more]
     return made
+
+
+def swept(grid: Path) -> set[str]:
+    """The keys that a grid's file sweeps."""
+    return set(OmegaConf.select(OmegaConf.load(grid), "hydra.sweeper.params") or ())
 
 
 def collect(args: Sequence[str]) -> list[dict[str, Any]]:
     """The configurations the arguments ask for, checked for types, ranges and spelling."""
     from hydra.core.hydra_config import HydraConfig
-    from omegaconf import DictConfig, OmegaConf
+    from omegaconf import DictConfig
 
     configs: list[dict[str, Any]] = []
     labels: list[dict[str, Any]] = []

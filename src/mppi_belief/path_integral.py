@@ -176,4 +176,5 @@ def weighted_in_blocks(
     changes, w, logs, means = jax.lax.map(lambda given: block(*given), (keys, left))
     share = weights(-logs, 1.0)
     joined = jnp.moveaxis(means, 0, -2).reshape(*means.shape[1:-1], -1)
-    return jnp.tensordot(share, changes, 1), (share[:, None] * w).reshape(-1)[:n], joined[..., :n]
+    w = (share[:, None] * w).reshape(-1)[:n]
+    return jnp.tensordot(share, changes, 1), w / jnp.sum(w), joined[..., :n]  # no finite cost: surplus had weight, too

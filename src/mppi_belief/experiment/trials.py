@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..problem import Controller, Filter, Problem
-from ..settings import batches, labels
+from ..settings import ConfigError, batches, labels
 from ..simulate import Metrics, Trial, metrics, simulate_trial
 from .build import Experiment, build
 from .device import computing
@@ -70,6 +70,8 @@ def _outcomes(
     try:
         results = jax.device_get(_run(*parts, config["seed"], _places(trials, size)))
     except Exception as error:
+        if size > 1 and "RESOURCE_EXHAUSTED" in str(error):
+            raise ConfigError(f"batch={size}: too many trials for the memory of the device at once") from error
         if len(trials) == 1:
             yield trials[0], error
             return

@@ -32,6 +32,7 @@ def warnings(founds: Sequence[Found]) -> list[str]:
     for what, values in (
         ("commits", {commit(source) for source in sources}),
         ("versions of jaxlib", {(source.get("versions") or {}).get("jaxlib") for source in sources}),
+        ("devices", {source.get("device") for source in sources if source.get("device")}),
         ("algorithm versions", {source.get("algorithm") for source in sources}),
     ):
         if len(values) > 1:

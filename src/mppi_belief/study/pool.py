@@ -16,6 +16,7 @@ from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wai
 from concurrent.futures.process import BrokenProcessPool
 from typing import Any, NamedTuple
 
+from ..settings import ConfigError
 from .plan import Chunk
 from .signals import STOPPING
 
@@ -64,7 +65,7 @@ class Pool:
             self._executor = None
 
     def run(self, chunks: Iterable[Chunk]) -> Iterator[tuple[Chunk, Any]]:
-        """Yield every chunk with its result, or with `Lost`, as they come."""
+        """Yield every chunk with its result, or with `Lost`, as they come; raises `ConfigError` where the work does."""
         fresh, suspects = deque(chunks), deque[Chunk]()
         strikes: Counter[tuple[str, int]] = Counter()
         running: dict[Future[Any], Chunk] = {}
@@ -78,6 +79,8 @@ class Pool:
                     yield chunk, future.result()
                 except BrokenProcessPool:
                     broken.append(chunk)
+                except ConfigError:  # no trial's own fault: nothing of this chunk may count as done
+                    raise
                 except Exception as error:
                     yield chunk, Lost("error", f"{type(error).__name__}: {error}")
             if alone and not broken:
