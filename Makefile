@@ -73,7 +73,7 @@ COMMIT ?= HEAD
 bench-compare: install  ## one control step of the working tree against COMMIT=..., interleaved: ratios
 	$(BIN)/python benchmarks/compare.py $(COMMIT) $(ARGS)
 
-bench-scale: install  ## whole studies on 1 and 2 cores, many samples, long runs, wide sweeps, start-up: ten minutes, into outputs/bench/
+bench-scale: install  ## whole studies on 1 and 2 cores, many samples, long runs, wide sweeps, start-up: twelve minutes, into outputs/bench/
 	$(BIN)/python benchmarks/scale.py $(ARGS)
 
 picture: install  ## what README and docs/theory.md show: 200 trials of MPPI-Belief and of CE-MPPI, one of each animated; certificates

@@ -2,7 +2,7 @@
 
     python benchmarks/scale.py [PART ...] [--quick] [--docs]
 
-PART is one of table_1 samples long_run sweep start_up; all of them, about ten minutes, without one. Writes
+PART is one of table_1 samples long_run sweep start_up; all of them, about twelve minutes, without one. Writes
 outputs/bench/scale.json and .md, where parts that are not run keep what they had, and prints the tables; `--docs`
 writes docs/benchmarks.md too. `--quick` runs a little of each, to see that it works, and writes nothing.
 """

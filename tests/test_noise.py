@@ -51,6 +51,12 @@ def test_double_precision_has_double_digits(x64):
     assert np.any(np.asarray(x) != np.asarray(x).astype(np.float32))
 
 
+def test_double_precision_normals_are_those_of_jax(x64):
+    for seed, shape in ((0, (1000,)), (1, (3, 5, 7)), (2, (1,))):
+        key = jax.random.key(seed)
+        np.testing.assert_allclose(standard_normal(key, shape), jax.random.normal(key, shape), rtol=4e-16, atol=0)
+
+
 @pytest.mark.parametrize("n", [1, 2, 7, 1000])
 def test_the_bits_are_those_of_jax(n):
     words = jax.random.key_data(jax.random.key(n + 2**31))

@@ -58,7 +58,10 @@ def test_a_study_is_its_yaml_and_those_that_begin_with_its_name_and_a_dot(tmp_pa
     for name in ("mine.more.yaml", "mine_too.yaml"):
         (tmp_path / "experiment" / name).touch()
     args = ["--config-dir", str(tmp_path), "experiment=mine"]
+    (tmp_path / "experiment" / "mine.yaml").write_text("hydra:\n  sweeper:\n    params:\n      theta: 0,1\n")
     assert grids(args) == [args, [*args[:2], "experiment=mine.more"]]
+    assert grids([*args, "theta=2"]) == [[*args, "theta=2"]]  # a part of the first grid
+    assert len(grids([*args, "seed=2"])) == 2
 
 
 def test_the_study_has_table_1_among_its_cells_and_nothing_twice():
@@ -115,7 +118,9 @@ def test_the_quickest_that_is_good_enough_is_named_beside_the_best():
 def test_good_enough_is_a_part_of_the_least_cost(share, enough):
     cells = [found("ce", 50, 50.0 * (1 + share), 0.2), found("ce", 500, 50.0, 0.4)]
     assert ("quickest that is good enough is `planner.n_samples=50`" in advice(cells)) is enough
-    assert ("no setting quicker than the best is good enough: `planner.n_samples=500`" in advice(cells)) is not enough
+    assert (
+        "no setting quicker than the best is shown to be good enough: `planner.n_samples=500`" in advice(cells)
+    ) is not enough
 
 
 def test_what_may_cost_more_is_not_good_enough_though_its_mean_is():
@@ -130,12 +135,25 @@ def test_time_decides_and_not_the_number():
     cells = [found("ilqg", 1, 50.5, 0.9), found("ilqg", 2, 50.2, 0.3), found("ilqg", 50, 50.0, 0.5)]
     assert "good enough is `controller.max_iterations=2`" in advice(cells)
     untimed = [one._replace(seconds=[]) for one in cells]
-    assert "good enough is `controller.max_iterations=1` (cost 50.5 [47.7, 53.3]), 0.50" in advice(untimed)
+    assert re.search(
+        r"the best is `controller\.max_iterations=50` .*, and not all settings were timed$", advice(untimed)
+    )
+    half = advice([*untimed[:1], *cells[1:]])
+    assert "quickest" not in half
+    assert "not all settings were timed" in half
+
+
+def test_a_setting_that_fails_more_often_is_not_recommended_for_its_survivors():
+    good = [found("ce", 50, 52.0, 0.2), found("ce", 500, 50.0, 0.4)]
+    lucky = held(cell("ce", 5), [row(0, cost=1.0), *(lost(t) for t in range(1, N))])._replace(seconds=[1e-4] * 9)
+    assert advice([lucky, *good]) == advice(good)
 
 
 def test_the_best_may_be_the_quickest():
     cells = [found("ce", 50, 50.0, 0.2), found("ce", 500, 50.1, 0.4)]
-    assert advice(cells).startswith("CE-MPPI: no setting quicker than the best is good enough: `planner.n_samples=50`")
+    assert advice(cells).startswith(
+        "CE-MPPI: no setting quicker than the best is shown to be good enough: `planner.n_samples=50`"
+    )
 
 
 def test_cells_without_trials_are_in_no_comparison(tmp_path):

@@ -7,7 +7,7 @@ class Sizes(NamedTuple):
     """Numbers of repeats, trials, cells and samples; medians are over the repeats."""
 
     table_trials: int = 200  # per method; Table I has four
-    table_rounds: int = 2  # warm, each with one worker and with two; three take twelve minutes
+    table_rounds: int = 2  # warm, each with one worker and with two
     samples: tuple[int, ...] = (500, 1000, 2000, 5000, 10_000, 30_000, 100_000)
     sample_rounds: int = 5
     long_trials: int = 10_000

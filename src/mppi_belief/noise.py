@@ -4,7 +4,7 @@ The normals are the largest single cost of a planning step. `jax.random.normal` 
 Threefry on each 32-bit number, where one is enough, and keeps the states of its rounds in memory, where
 written out they stay in registers. Its inverse of the error function takes log1p: on a CPU (jax 0.10)
 that is slower than log in single precision, and a relative 6e-6 off in the tails, where log with
-(1 - x) (1 + x) is 3e-7 off at most. Double precision is left to `jax.random.normal`.
+(1 - x) (1 + x) is 3e-7 off at most. In double precision the normals are those of `jax.random.normal`.
 """
 
 import functools
@@ -34,22 +34,31 @@ _ERFINV = (
 @functools.partial(jax.jit, static_argnames="shape")
 def standard_normal(key: Array, shape: tuple[int, ...]) -> Array:
     """Independent N(0, 1) of the default precision, a function of the (Threefry) key and the shape alone."""
-    if jnp.zeros(()).dtype != jnp.float32:
-        return jax.random.normal(key, shape)
-    bits = threefry_2x32(jax.random.key_data(key), math.prod(shape)).reshape(shape)
-    # the centres of 2^23 equal cells of (-1, 1): symmetric, and never -1 or 1
-    uniform = ((bits >> 9).astype(jnp.float32) + 0.5) * 2.0**-22 - 1.0
-    return math.sqrt(2) * erf_inv(uniform)
+    words, n = jax.random.key_data(key), math.prod(shape)
+    if jnp.zeros(()).dtype == jnp.float32:
+        # the centres of 2^23 equal cells of (-1, 1): symmetric, and never -1 or 1
+        uniform = ((threefry_2x32(words, n) >> 9).astype(jnp.float32) + 0.5) * 2.0**-22 - 1.0
+        return math.sqrt(2) * erf_inv(uniform.reshape(shape))
+    high, low = threefry_blocks(words, jnp.zeros(n, jnp.uint32), jnp.arange(n, dtype=jnp.uint32))
+    mantissa = (high.astype(jnp.uint64) << 20) | (low >> 12).astype(jnp.uint64)
+    least = math.nextafter(-1.0, 0.0)
+    uniform = jnp.maximum(least, mantissa.astype(jnp.float64) * 2.0**-52 * (1.0 - least) + least)
+    return math.sqrt(2) * jax.lax.erf_inv(uniform.reshape(shape))
 
 
 def threefry_2x32(key: Array, n: int) -> Array:
-    """n pseudo-random uint32 (n,) from key words (2,): Threefry-2x32 with 20 rounds, of counters 0..n-1.
+    """n pseudo-random uint32 (n,) from key words (2,), of counters 0..n-1.
 
     Counter i makes a block with counter i + (n + 1) // 2, as in `jax.extend.random.threefry_2x32`.
     """
     half = (n + 1) // 2
     x0 = jnp.arange(half, dtype=jnp.uint32)
     x1 = jnp.pad(jnp.arange(half, n, dtype=jnp.uint32), (0, 2 * half - n))
+    return jnp.concatenate(threefry_blocks(key, x0, x1))[:n]
+
+
+def threefry_blocks(key: Array, x0: Array, x1: Array) -> tuple[Array, Array]:
+    """Threefry-2x32 with 20 rounds of blocks of two counters, uint32 (n,) each, under key words (2,)."""
     words = (key[0], key[1], key[0] ^ key[1] ^ jnp.uint32(_PARITY))
     x0, x1 = x0 + words[0], x1 + words[1]
     for i in range(20):
@@ -59,7 +68,7 @@ def threefry_2x32(key: Array, n: int) -> Array:
             injection = i // 4 + 1
             x0 = x0 + words[injection % 3]
             x1 = x1 + words[(injection + 1) % 3] + jnp.uint32(injection)
-    return jnp.concatenate([x0, x1])[:n]
+    return x0, x1
 
 
 def _rotate_left(x: Array, places: int) -> Array:

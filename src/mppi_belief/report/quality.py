@@ -58,13 +58,19 @@ def settings(cells: Sequence[Found]) -> list[str]:
 
 
 def advice(cells: Sequence[Found]) -> str:
-    """The best setting of one method, and the quickest that is good enough; some trial of it went well."""
-    best = _best(cells)
+    """The best setting of one method and, where all were timed, the quickest that is good enough; some trial went well.
+
+    A setting of which more trials failed than of another is never recommended.
+    """
     told = {found.cell.id: _told(found, setting) for found, setting in zip(cells, settings(cells), strict=True)}
+    cells = _sound(cells)
+    best = _best(cells)
     bound = ENOUGH * summary(best.rows, None).cost.value
+    if not _timed(cells):
+        return f"{best.name}: the best is {told[best.cell.id]}, and not all settings were timed"
     quickest = next(found for found in _by_time(cells) if found is best or _above(found, best).high <= bound)
     if quickest is best:
-        lead = "no setting quicker than the best is good enough: " if len(cells) > 1 else ""
+        lead = "no setting quicker than the best is shown to be good enough: " if len(cells) > 1 else ""
         return f"{best.name}: {lead}{told[best.cell.id]}"
     more, chosen = interval(_above(quickest, best), 2), told[quickest.cell.id]
     return f"{best.name}: the quickest that is good enough is {chosen}, {more} above the best, {told[best.cell.id]}"
@@ -79,7 +85,8 @@ def collisions(cells: Sequence[Found]) -> str:
     quick, slow = paired(there[0], there[-1])
     change, _ = paired_rate_difference(slow["collided"].to_numpy(), quick["collided"].to_numpy())
     low, high = min(rates).value, max(rates).value
-    told = f"from the quickest setting to the slowest they change by {interval(change.times(100), 1)} points"
+    ends = "the quickest setting to the slowest" if _timed(there) else "the first setting to the last"
+    told = f"from {ends} they change by {interval(change.times(100), 1)} points"
     return f"Collisions: {low:.1f} to {high:.1f} %; {told}"
 
 
@@ -89,12 +96,21 @@ def _best(cells: Sequence[Found]) -> Found:
     return cells[min(range(len(cells)), key=lambda index: math.inf if math.isnan(costs[index]) else costs[index])]
 
 
+def _sound(cells: Sequence[Found]) -> list[Found]:
+    """The cells of which the smallest part of the trials failed."""
+    failed = [1 - len(found.good) / len(found.rows) if len(found.rows) else math.inf for found in cells]
+    return [found for found, part in zip(cells, failed, strict=True) if part == min(failed)]
+
+
+def _timed(cells: Sequence[Found]) -> bool:
+    return not any(math.isnan(summary(found.rows, found.seconds).time) for found in cells)
+
+
 def _by_time(cells: Sequence[Found]) -> list[Found]:
     """The quickest first; as they are given where one was not timed."""
-    times = [summary(found.rows, found.seconds).time for found in cells]
-    if any(map(math.isnan, times)):
+    if not _timed(cells):
         return list(cells)
-    return [cells[index] for index in sorted(range(len(cells)), key=times.__getitem__)]
+    return sorted(cells, key=lambda found: summary(found.rows, found.seconds).time)
 
 
 def _above(found: Found, best: Found) -> Estimate:
