@@ -10,6 +10,7 @@ from pathlib import Path
 from types import FrameType
 from typing import Any, NamedTuple
 
+from mppi_belief.settings import ConfigError
 from mppi_belief.study.plan import Cell, Chunk
 from mppi_belief.study.pool import Pool
 
@@ -52,6 +53,8 @@ def answer(config: dict[str, Any], trials: Sequence[int]) -> list[tuple[int, int
     for trial in trials:
         if trial == wishes.get("raises"):
             raise ValueError(f"trial {trial} is cursed")
+        if trial == wishes.get("misses_its_device"):
+            raise ConfigError("platform=gpu: none is there any more")
         if trial == wishes.get("exits"):
             os._exit(9)
         if trial == wishes.get("is_killed"):

@@ -12,6 +12,7 @@ import pytest
 from cli_helpers import SMALL, compose
 from experiment_helpers import compiled_quickly
 from mppi_belief.experiment import check, device, failed_row, record, run_trials, trials
+from mppi_belief.settings import ConfigError
 from mppi_belief.study import results
 from mppi_belief.study.plan import Cell, chunks
 from mppi_belief.study.runner import Task, run_study
@@ -111,6 +112,15 @@ def test_a_trial_that_raises_costs_its_own_row_and_no_other(five, calls):
     calls.clear()
     assert repr(rows[:6] + rows[7:]) == repr(run_trials(five, [0, 1, 2, 3, 4, 5, 7, 8, 9]).rows)
     assert len(calls) == 2
+
+
+def test_a_batch_too_large_for_the_device_is_told_and_is_no_trials_fault(five, monkeypatch):
+    def exhausted(*args: Any) -> Any:
+        raise RuntimeError("RESOURCE_EXHAUSTED: Out of memory while trying to allocate 99 bytes.")
+
+    monkeypatch.setattr(trials, "_run", exhausted)
+    with pytest.raises(ConfigError, match="batch=5: too many trials for the memory"):
+        run_trials(five, range(10))
 
 
 class Study:

@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 
+from mppi_belief.settings import ConfigError
 from mppi_belief.study.plan import Cell, Chunk
 from mppi_belief.study.pool import Lost, Pool, WorkerDied
 from study_helpers import TESTS, answer, config, ended, leave_marks, limited, path_and_environment, poll
@@ -49,6 +50,14 @@ def test_all_chunks_run_once():
 def test_more_workers_than_chunks_and_no_chunks_at_all():
     assert Ran(split(Cell(config()), 2, 2), workers=3).answers == [(0, 0), (0, 1)]
     assert Ran([]).yielded == []
+
+
+def test_a_device_that_is_gone_is_no_trials_fault():
+    """It ends the run: a result of any kind would say that its trials are done."""
+    pool = Pool(answer, 2, [TESTS], print)
+    with pytest.raises(ConfigError, match="none is there any more"):
+        list(pool.run(split(Cell(config(misses_its_device=5)), 9, 3)))
+    pool.close(kill=True)
 
 
 def test_an_exception_loses_its_chunk_and_no_other():
