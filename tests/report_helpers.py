@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from mppi_belief.report.cells import Found, find
-from mppi_belief.study import results
+from mppi_belief.study import files, results
 from mppi_belief.study.plan import Cell
 from study_helpers import config, failed_row, row
 
@@ -85,7 +85,7 @@ def store(
     for start in range(0, len(rows), 10):
         results.write_rows(folder, rows[start : start + 10], {"config": cell.config, **(source or {})})
     if seconds:
-        results.write_json(folder, "timing", {"seconds": list(seconds)})
+        files.write_json(folder, "timing", {"seconds": list(seconds)})
     return folder
 
 
@@ -100,10 +100,10 @@ def store_pictured(folder: Path, trial: int, steps: int = 3) -> None:
             for k, x in enumerate(where)
         ],
     )
-    results.write_json(folder, "scene", SCENE)
+    files.write_json(folder, "scene", SCENE)
     samples = [[[[*(x[:2] + h)] for h in (0.0, 0.5)] for _ in range(4)] for x in where[:-1]]
     curves = {"optimum": [0.9, 0.81, None][:steps], "imposed": [3.0, 2.0, 1.5][:steps]}
-    results.write_json(
+    files.write_json(
         folder,
         f"recording-{trial}",
         {

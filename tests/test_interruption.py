@@ -119,9 +119,9 @@ def test_results_are_the_same_bits_with_one_or_two_workers_in_one_or_many_runs(s
 
 def test_files_say_how_they_were_made(undisturbed):
     (cell,) = (undisturbed / "outputs" / "results").iterdir()
-    commands = [results.read_provenance(path)["command"] for path in cell.glob("part-*")]
+    commands = [results.read_table(path)[0]["sources"][0]["command"] for path in cell.glob("part-*")]
     assert commands == [["mppi-belief", *STUDY, "workers=1"]] * len(commands)
-    config = results.read_provenance(next(cell.glob("part-*")))["config"]
+    config = results.read_table(next(cell.glob("part-*")))[0]["sources"][0]["config"]
     assert (config["names"]["system"], config["problem"]["steps"]) == ("scalar_linear", 600)
 
 

@@ -18,7 +18,7 @@ from mppi_belief.report import figures
 from mppi_belief.report.overview import overview
 from mppi_belief.report.statistics import Estimate, mean_interval, proportion_interval
 from mppi_belief.report.summary import as_text, summarise
-from mppi_belief.study import results
+from mppi_belief.study import files, results
 from mppi_belief.study.plan import Cell
 from study_helpers import config, failed_row, row
 
@@ -186,8 +186,8 @@ def stored(root: Path, *table: dict[str, Any], **cell: Any) -> Cell:
     folder = root / made.id
     results.write_rows(folder, table, {})
     results.write_paths(folder, paths(2, 1))
-    results.write_json(folder, "scene", LINE)
-    results.write_json(folder, "timing", {"seconds": [1e-3]})
+    files.write_json(folder, "scene", LINE)
+    files.write_json(folder, "timing", {"seconds": [1e-3]})
     return made
 
 

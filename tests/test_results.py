@@ -1,6 +1,7 @@
 """Results on disk: nothing is lost or half written, and what cannot be read is named."""
 
 import errno
+import json
 import math
 from pathlib import Path
 
@@ -11,7 +12,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from cli_helpers import files_in
-from mppi_belief.study import results
+from mppi_belief.study import files, results
 from mppi_belief.study.provenance import provenance
 from study_helpers import failed_row, row
 
@@ -61,8 +62,11 @@ def test_a_file_says_where_it_comes_from(tmp_path):
     said = {"config": {"seed": 3, "names": {"system": "s"}}, **provenance(["mppi-belief", "run", "theta=1"])}
     results.write_rows(tmp_path, [row(0)], said)
     (path,) = tmp_path.iterdir()
-    found = results.read_provenance(path)
-    assert found == {"format": results.FORMAT_VERSION, **said}
+    about, table = results.read_table(path)
+    assert about["digest"] == results.table_digest(table)
+    assert (about["format"], about["cell"]) == (results.FORMAT_VERSION, tmp_path.name)
+    (found,) = about["sources"]
+    assert found == {"trials": [[0, 0]], **said}
     assert found["command"] == ["mppi-belief", "run", "theta=1"]
     assert {"python", "jax", "numpy", "mppi-belief"} <= set(found["versions"])
     assert set(found["threads"]) >= {"NPROC", "OMP_NUM_THREADS", "XLA_FLAGS"}
@@ -88,11 +92,14 @@ def test_trajectories_come_back_in_order_and_once(tmp_path):
 
 def test_small_files_come_back_and_a_missing_or_broken_one_is_none(tmp_path):
     content = {"seconds": [0.1, 1e-300], "text": "\u03b8"}
-    results.write_json(tmp_path, "timing", content)
-    assert results.read_json(tmp_path, "timing") == content
+    files.write_json(tmp_path, "timing", content)
+    assert files.read_json(tmp_path, "timing") == content
     (tmp_path / "scene.json").write_text('{"dt": 0.')
-    assert results.read_json(tmp_path, "scene") is None
-    assert results.read_json(tmp_path, "nothing") is None
+    assert files.read_json(tmp_path, "scene") is None
+    assert files.read_json(tmp_path, "nothing") is None
+    changed = (tmp_path / "timing.json").read_text().replace("0.1", "0.2")
+    (tmp_path / "timing.json").write_text(changed)
+    assert files.read_json(tmp_path, "timing") is None
 
 
 def test_a_folder_without_results_has_no_rows(tmp_path):
@@ -155,6 +162,51 @@ def test_what_is_no_results_file_is_named_and_left_out(tmp_path):
     assert len(warnings) == 4
 
 
+@pytest.mark.parametrize("part", range(1, 10))
+def test_a_damaged_byte_changes_nothing_or_is_noticed(part, tmp_path):
+    whole = written(tmp_path, *(row(trial) for trial in range(50)))
+    before, content = results.result_hash(results.read_rows(tmp_path)), bytearray(whole.read_bytes())
+    content[len(content) * part // 10] ^= 1
+    whole.write_bytes(content)
+    warnings: list[str] = []
+    rows = results.read_rows(tmp_path, warnings.append)
+    assert len(warnings) == 1 if rows.empty else results.result_hash(rows) == before
+
+
+def test_changed_values_in_a_whole_file_are_noticed(tmp_path):
+    path = written(tmp_path, row(0, cost=1.0), row(1))
+    table = pq.read_table(path)
+    at = table.column_names.index("cost")
+    pq.write_table(table.set_column(at, "cost", pa.array([0.5, 4.0])), path)
+    assert pq.read_table(path).schema.metadata
+    warnings: list[str] = []
+    assert results.read_rows(tmp_path, warnings.append).empty
+    assert "not those that were written" in warnings[0]
+
+
+def test_a_file_of_another_cell_or_of_a_newer_format_is_named_and_left_out(tmp_path, monkeypatch):
+    mine, other, newer = (tmp_path / name for name in ("mine", "other", "newer"))
+    whole = written(mine, row(0), row(1))
+    other.mkdir()
+    (other / whole.name).write_bytes(whole.read_bytes())
+    monkeypatch.setattr(results, "FORMAT_VERSION", results.FORMAT_VERSION + 1)
+    written(newer, row(0))
+    monkeypatch.undo()
+    warnings: list[str] = []
+    assert [len(results.read_rows(folder, warnings.append)) for folder in (mine, other, newer)] == [2, 0, 0]
+    assert [word in line for word, line in zip(("mine", "newer"), warnings, strict=True)] == [True, True]
+
+
+def test_files_of_the_first_format_are_still_read(tmp_path):
+    path = written(tmp_path, row(0), row(1), row(4))
+    about = {"format": 1, "commit": "a", "config": {"seed": 3}}
+    pq.write_table(pq.read_table(path).replace_schema_metadata({b"mppi-belief": json.dumps(about)}), path)
+    assert results.read_rows(tmp_path)["trial"].tolist() == [0, 1, 4]
+    expected = {"trials": [[0, 1], [4, 4]], **about}
+    assert results.read_sources(tmp_path, [1]) == [expected]
+    assert results.read_sources(tmp_path, [2, 3]) == []
+
+
 def test_paths_that_are_torn_or_not_ours_are_named_and_left_out(tmp_path):
     steps = [
         {"trial": 2, "step": k, **{name: np.full(2, float(k)) for name in ("state", "mean", "cov", "control")}}
@@ -186,7 +238,7 @@ def test_sources_are_those_of_the_files_that_can_be_read_and_hold_these_trials(t
     for trial, commit in ((5, "b"), (0, "a")):
         results.write_rows(tmp_path, [row(trial)], {"commit": commit, "elapsed": 1.5})
     (whole, _) = sorted(tmp_path.glob("part-*"))
-    results.write_json(tmp_path, "timing", {"seconds": []})
+    files.write_json(tmp_path, "timing", {"seconds": []})
     (tmp_path / "part-torn.parquet").write_bytes(whole.read_bytes()[:-20])
     (tmp_path / "part-empty.parquet").touch()
     pq.write_table(pa.table({"trial": [7]}), tmp_path / "part-foreign.parquet")
@@ -196,17 +248,19 @@ def test_sources_are_those_of_the_files_that_can_be_read_and_hold_these_trials(t
     pq.write_table(pa.table({"trial": [7]}, schema=other), tmp_path / "part-pandas.parquet")
     listed = pa.schema([("trial", pa.int64())], metadata={b"mppi-belief": b"[]"})
     pq.write_table(pa.table({"trial": [7]}, schema=listed), tmp_path / "part-listed.parquet")
-    first, second = ({"format": results.FORMAT_VERSION, "commit": commit, "elapsed": 1.5} for commit in "ab")
+    first, second = (
+        {"trials": [[trial, trial]], "commit": commit, "elapsed": 1.5} for trial, commit in ((0, "a"), (5, "b"))
+    )
     assert results.read_sources(tmp_path, range(9)) == [first, second]
     assert results.read_sources(tmp_path, range(5)) == [first]
     assert results.read_sources(tmp_path, [5]) == [second]
 
 
 def test_a_place_that_can_be_written_is_made_and_left_empty(tmp_path):
-    results.probe(tmp_path / "a" / "b")
+    files.probe(tmp_path / "a" / "b")
     assert files_in(tmp_path / "a" / "b") == []
     with pytest.raises(OSError):
-        results.probe(Path("/dev/null/x"))
+        files.probe(Path("/dev/null/x"))
 
 
 def table(**changes: object) -> pd.DataFrame:

@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from mppi_belief.settings import ConfigError
-from mppi_belief.study import results
+from mppi_belief.study import files, results
 from mppi_belief.study.plan import Cell
 from mppi_belief.study.pool import Pool
 from mppi_belief.study.runner import Outcome, Task, run_study
@@ -64,12 +64,12 @@ def test_a_study_runs_once_and_a_larger_one_only_adds(study, tmp_path):
     assert study.checked == [1, 2, 2]
     assert {path: path.stat().st_mtime_ns for path in before} == before
     (new,) = set(study.root.rglob("part-*")) - set(before)
-    assert results.read_provenance(new)["config"] == second.config
+    assert results.read_table(new)[0]["sources"][0]["config"] == second.config
     assert study.rows(first)["trial"].tolist() == list(range(12))
     assert study.rows(second)["trial"].tolist() == list(range(15))
     assert notes.read_text() == "timed\n" * 2
-    assert results.read_json(study.root / first.id, "timing") == {"seconds": [1e-3, 2e-3, 3e-3]}
-    assert results.read_json(study.root / first.id, "scene") == {"dt": 0.1}
+    assert files.read_json(study.root / first.id, "timing") == {"seconds": [1e-3, 2e-3, 3e-3]}
+    assert files.read_json(study.root / first.id, "scene") == {"dt": 0.1}
 
 
 def test_two_workers_write_what_one_does(tmp_path):
@@ -133,7 +133,8 @@ def test_results_say_what_computed_them_here_or_in_the_workers_environment(study
     study.variables = {"DEVICE": "another"}
     study.run(there)
     told = [
-        results.read_provenance(next((study.root / cell.id).glob("part-*")))["device"].split() for cell in (here, there)
+        results.read_table(next((study.root / cell.id).glob("part-*")))[0]["sources"][0]["device"].split()
+        for cell in (here, there)
     ]
     assert told[0] == ["none", str(os.getpid())]
     assert told[1][0] == "another"
@@ -199,7 +200,7 @@ def test_a_recording_is_made_once_and_only_where_a_cell_asks_for_one(study):
     asking, silent = Cell(config() | {"record": 3}), Cell(config(seed=1))
     study.run(asking, silent)
     path = study.root / asking.id / "recording-3.json"
-    assert json.loads(path.read_text()) == {"trial": 3, "samples": None, "matching": {}}
+    assert files.read_json(path.parent, path.stem) == {"trial": 3, "samples": None, "matching": {}}
     path.write_text('{"trial": "mine"}')
     study.run(asking, silent, n_trials=15)
     assert path.read_text() == '{"trial": "mine"}'
@@ -215,10 +216,10 @@ def test_a_worker_that_dies_over_a_recording_leaves_none_and_the_rest_as_it_is(s
     assert outcome == Outcome({dying.id: 12}, {dying.id: 0}, None)
     assert multiprocessing.active_children() == []
     assert study.rows(dying)["status"].tolist() == ["ok"] * 12
-    assert results.read_json(study.root / dying.id, "timing") is not None
+    assert files.read_json(study.root / dying.id, "timing") is not None
     assert sorted(path.name for path in (study.root / dying.id).iterdir() if "recording" in path.name) == []
     assert study.run(dying, living).ran == {dying.id: 0, living.id: 12}
-    assert results.read_json(study.root / dying.id, "recording-99")["trial"] == 99
+    assert files.read_json(study.root / dying.id, "recording-99")["trial"] == 99
 
 
 def test_the_first_signal_asks_the_second_ends_and_handlers_are_put_back():
@@ -255,7 +256,7 @@ def test_one_signal_keeps_what_runs_and_the_rest_waits_for_the_next_run(study, m
     assert outcome == Outcome({cell.id: len(kept)}, {cell.id: 0}, signal.SIGINT)
     assert kept[:10] == list(range(10))
     assert len(kept) <= 20  # one chunk that ran and one that waited
-    assert results.read_json(study.root / cell.id, "timing") is None
+    assert files.read_json(study.root / cell.id, "timing") is None
     assert study.run(cell, n_trials=50) == Outcome({cell.id: 50 - len(kept)}, {cell.id: len(kept)}, None)
 
 

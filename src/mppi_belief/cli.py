@@ -172,9 +172,9 @@ def _certify(config: dict[str, Any], names: Sequence[str], command: list[str]) -
 
     from .report.theory import show
     from .study.certificates import Stored, load, store
+    from .study.files import probe
     from .study.pool import start_worker
     from .study.provenance import provenance
-    from .study.results import probe
     from .verify.runner import certify_all
 
     folder, lost = Path(config["verify_dir"]), []
@@ -197,8 +197,8 @@ def _what_holds(config: dict[str, Any], overrides: Sequence[str], folders: Seque
     from .experiment import build, check
     from .report.theory import show_system
     from .study.certificates import Stored, store
+    from .study.files import probe
     from .study.provenance import provenance
-    from .study.results import probe
     from .verify.own_system import what_holds
 
     folder = Path(config["verify_dir"]) / "systems"

@@ -9,6 +9,7 @@ import pandas as pd
 
 from ..settings import labels
 from ..study import results
+from ..study.files import read_json
 from ..study.plan import Cell
 from .summary import plain
 
@@ -101,8 +102,8 @@ def find(cell: Cell, root: Path, wanted: int, warn: Callable[[str], object] = la
 
 def _json(folder: Path, name: str, keys: set[str]) -> dict[str, Any] | None:
     """A file beside the tables, None if it is not there or not one of ours."""
-    content = results.read_json(folder, name)
-    return content if isinstance(content, dict) and keys <= content.keys() else None
+    content = read_json(folder, name)
+    return content if content and keys <= content.keys() else None
 
 
 def paired(first: Found, second: Found) -> tuple[pd.DataFrame, pd.DataFrame]:

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ..certificate import NAMES, Certificate, as_dict, from_dict
-from .results import read_json, write_json
+from .files import read_json, write_json
 
 
 class Stored(NamedTuple):
@@ -26,7 +26,7 @@ def load(folder: Path, names: Sequence[str] = NAMES) -> list[Stored]:
     """The certificates of `names` that are there and can be read, in that order."""
     found = []
     for name in names:
-        content = read_json(folder, name)
+        content = read_json(folder, name) or {}
         try:
             one = Stored(from_dict(content["certificate"]), float(content["seconds"]), dict(content["source"]))
         except (KeyError, TypeError, ValueError):

@@ -6,13 +6,18 @@
                          timing.json       the Time column
                          recording-*.json  one trial in detail, where asked for
 
-Which trials are done is read from the part files and from nothing else. Only the parent process writes.
+Which trials are done is read from the part files and from nothing else. Only the parent process writes. A table's
+metadata is JSON under the key "mppi-belief":
+
+    format    FORMAT_VERSION      cell      the cell's id, the name of its folder
+    digest    of all values       sources   where the rows come from: {"trials": [[first, last], ...], ...} each
+
+Format 1 had one source, its keys beside `format`, and neither a digest nor the cell's id.
 """
 
 import hashlib
 import json
-import os
-import tempfile
+from bisect import bisect_left
 from collections.abc import Callable, Collection, Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -21,7 +26,9 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-FORMAT_VERSION = 1
+from .files import write_whole
+
+FORMAT_VERSION = 2
 _KEY = b"mppi-belief"
 _TYPES: dict[str, pa.DataType] = {
     "trial": pa.int64(),
@@ -47,20 +54,13 @@ _PATHS = pa.schema(
 )
 
 
-def probe(root: Path) -> None:
-    """Raise OSError if `root` cannot be made or written to."""
-    root.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryFile(dir=root):
-        pass
-
-
 def write_rows(folder: Path, rows: Sequence[dict[str, Any]], provenance: dict[str, Any]) -> None:
     """One part file for these trials."""
     extra = [name for name in rows[0] if name not in _TYPES]
     columns = [pa.field(name, kind) for name, kind in _TYPES.items()]
     columns += [pa.field(name, pa.array([row[name] for row in rows]).type) for name in extra]
-    schema = pa.schema(columns, metadata={_KEY: json.dumps({"format": FORMAT_VERSION, **provenance})})
-    _write_table(folder, "part", rows, pa.Table.from_pylist(list(rows), schema=schema))
+    table = pa.Table.from_pylist(list(rows), schema=pa.schema(columns))
+    write_table(folder, "part", table, [{"trials": ranges([row["trial"] for row in rows]), **provenance}])
 
 
 def write_paths(folder: Path, rows: Sequence[dict[str, Any]]) -> None:
@@ -71,54 +71,79 @@ def write_paths(folder: Path, rows: Sequence[dict[str, Any]]) -> None:
             for name in rows[0]
         }
     )
-    _write_table(folder, "paths", rows, table)
+    write_table(folder, "paths", table, [])
 
 
-def write_json(folder: Path, name: str, content: Any) -> None:
-    """A small file beside the tables."""
-    write_whole(folder / f"{name}.json", lambda path: path.write_text(json.dumps(content)))
+def write_table(folder: Path, kind: str, table: pa.Table, sources: Sequence[dict[str, Any]]) -> Path:
+    """A file of one kind, "part" or "paths", named by its trials and its content; the path it has."""
+    trials, content = table["trial"].to_pylist(), table_digest(table)
+    about = {"format": FORMAT_VERSION, "cell": folder.name, "digest": content, "sources": list(sources)}
+    told = table.replace_schema_metadata({_KEY: json.dumps(about)})
+    path = folder / f"{kind}-{min(trials):06d}-{max(trials):06d}-{content[:8]}.parquet"
+    write_whole(path, lambda place: pq.write_table(told, place, compression="zstd", write_page_checksum=True))
+    return path
 
 
-def _write_table(folder: Path, kind: str, rows: Sequence[dict[str, Any]], table: pa.Table) -> None:
-    trials = sorted({row["trial"] for row in rows})
-    digest = hashlib.sha256(repr(trials).encode()).hexdigest()[:8]
-    name = f"{kind}-{trials[0]:06d}-{trials[-1]:06d}-{digest}.parquet"
-    write_whole(folder / name, lambda path: pq.write_table(table, path, compression="zstd"))
+def table_digest(table: pa.Table) -> str:
+    """A hash of the names and values of a table, numbers bit for bit."""
+    found = hashlib.sha256()
+    for name in sorted(table.column_names):
+        column = table[name].combine_chunks()
+        if pa.types.is_list(column.type):
+            found.update(column.value_lengths().to_numpy(zero_copy_only=False).tobytes())
+            column = column.flatten()
+        found.update(f"{name} {column.type} {len(column)} ".encode())
+        if pa.types.is_floating(column.type) or (pa.types.is_integer(column.type) and not column.null_count):
+            found.update(column.to_numpy(zero_copy_only=False).tobytes())
+        else:
+            found.update(json.dumps(column.to_pylist()).encode())
+    return found.hexdigest()[:32]
 
 
-def write_whole(target: Path, fill: Callable[[Path], Any]) -> None:
-    """Let `fill` write a temporary file, fsync, rename: a reader sees all of it or nothing, also after a power cut."""
-    target.parent.mkdir(parents=True, exist_ok=True)
-    temporary = target.with_name(f".tmp-{os.getpid()}-{target.name}")
-    try:
-        fill(temporary)
-        _sync(temporary)
-        temporary.replace(target)
-        _sync(target.parent)
-    finally:
-        temporary.unlink(missing_ok=True)
-
-
-def _sync(path: Path) -> None:
-    handle = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)
+def ranges(trials: Collection[int]) -> list[list[int]]:
+    """Trials as [first, last] of every run without a gap."""
+    found: list[list[int]] = []
+    for trial in sorted(trials):
+        if found and trial == found[-1][1] + 1:
+            found[-1][1] = trial
+        else:
+            found.append([trial, trial])
+    return found
 
 
 def _ignore(line: str) -> None:
     """Nobody to tell."""
 
 
+def read_table(path: Path) -> tuple[dict[str, Any], pa.Table]:
+    """What a file says of itself (in today's format) and its table; raises ValueError or OSError for a file that is
+    torn, damaged, not one of ours, another cell's, or of a newer format."""
+    try:
+        table = pq.ParquetFile(path, page_checksum_verification=True).read()
+        about = json.loads((table.schema.metadata or {})[_KEY])
+        version = about["format"]
+    except (pa.ArrowException, KeyError, TypeError) as error:
+        raise ValueError((str(error).splitlines() or [""])[0]) from error
+    if version == 1:
+        trials = table["trial"].to_pylist() if "trial" in table.column_names else []
+        about = {"format": 1, "sources": [{"trials": ranges(set(trials)), **about}]}
+    if version > FORMAT_VERSION:
+        raise ValueError(f"format {version} is of a newer mppi-belief")
+    if about.get("cell", path.parent.name) != path.parent.name:
+        raise ValueError(f"it belongs to {about['cell']}")
+    if about.get("digest", content := table_digest(table)) != content:
+        raise ValueError("its values are not those that were written")
+    return about, table
+
+
 def _read(folder: Path, kind: str, schema: pa.Schema, warn: Callable[[str], object]) -> Iterator[pd.DataFrame]:
     """The tables of one kind, by file name; a file that cannot be read is named to `warn` and left out."""
     for path in sorted(folder.glob(f"{kind}-*.parquet")):
         try:
-            table = pq.ParquetFile(path).read().select(schema.names).cast(schema)
+            table = read_table(path)[1].select(schema.names).cast(schema)
             yield table.to_pandas().assign(_file=path.name)
         except (OSError, pa.ArrowException, KeyError, ValueError) as error:
-            warn(f"{path}: not a results file, left out ({(str(error).splitlines() or [''])[0]})")
+            warn(f"{path}: not a results file of this cell, left out ({(str(error).splitlines() or [''])[0]})")
 
 
 def read_rows(folder: Path, warn: Callable[[str], object] = _ignore) -> pd.DataFrame:
@@ -142,35 +167,21 @@ def read_paths(folder: Path, warn: Callable[[str], object] = _ignore) -> pd.Data
 
 
 def read_sources(folder: Path, trials: Collection[int]) -> list[dict[str, Any]]:
-    """What each readable part file with some of these trials says of where it comes from."""
-    found, wanted = [], set(trials)
+    """Where these trials come from: the sources of every readable part file that hold one of them."""
+    found, wanted = [], sorted(trials)
     for path in sorted(folder.glob("part-*.parquet")):
         try:
-            file = pq.ParquetFile(path)
-            source, held = _provenance(file.schema_arrow), file.read(columns=["trial"])["trial"].to_pylist()
-        except (OSError, pa.ArrowException, KeyError, TypeError, ValueError):
+            sources = read_table(path)[0]["sources"]
+            found += [source for source in sources if _holds(source["trials"], wanted)]
+        except (OSError, ValueError, KeyError, TypeError):
             continue  # `read_rows` names it
-        if isinstance(source, dict) and wanted.intersection(held):
-            found.append(source)
     return found
 
 
-def read_provenance(path: Path) -> dict[str, Any]:
-    """What a part file says of where it comes from."""
-    return _provenance(pq.read_schema(path))
-
-
-def _provenance(schema: pa.Schema) -> dict[str, Any]:
-    found: dict[str, Any] = json.loads(schema.metadata[_KEY])
-    return found
-
-
-def read_json(folder: Path, name: str) -> Any:
-    """A small file beside the tables, or None."""
-    try:
-        return json.loads((folder / f"{name}.json").read_text())
-    except (OSError, ValueError):
-        return None
+def _holds(within: Sequence[Sequence[int]], trials: Sequence[int]) -> bool:
+    """Whether one of the trials (ascending) lies in one of the ranges."""
+    places = ((bisect_left(trials, first), last) for first, last in within)
+    return any(at < len(trials) and trials[at] <= last for at, last in places)
 
 
 def result_hash(rows: pd.DataFrame) -> str:

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 from tqdm import tqdm
 
 from ..settings import ConfigError
-from . import results
+from . import files, results
 from .plan import Cell, Chunk, chunks
 from .pool import Lost, Pool, WorkerDied
 from .provenance import provenance
@@ -91,7 +91,7 @@ def _check(todo: Sequence[Chunk], root: Path, task: Task, pool: Pool | None) -> 
     device = _device(cells[0].config, task, pool) if cells else None
     for cell in cells:
         task.check(cell.config)
-    results.probe(root)
+    files.probe(root)
     return device
 
 
@@ -116,7 +116,7 @@ def _keep(root: Path, chunk: Chunk, batch: Any, task: Task, started: dict[str, A
         if batch.paths:
             results.write_paths(folder, batch.paths)
         if batch.scene is not None:
-            results.write_json(folder, "scene", batch.scene)
+            files.write_json(folder, "scene", batch.scene)
     elapsed = (datetime.now(UTC) - datetime.fromisoformat(started["started"])).total_seconds()
     results.write_rows(folder, rows, {"config": config, **started, "elapsed": round(elapsed, 1)})
 
@@ -130,7 +130,7 @@ def _extras(root: Path, cell: Cell, pool: Pool, task: Task) -> None:
 
 def _once(folder: Path, name: str, make: Callable[[], Any]) -> None:
     """Make a file that is not there; where that fails, it is said and the file is left out."""
-    if results.read_json(folder, name) is not None:
+    if files.read_json(folder, name) is not None:
         return
     try:
         content = make()
@@ -139,4 +139,4 @@ def _once(folder: Path, name: str, make: Callable[[], Any]) -> None:
     except Exception as error:
         tqdm.write(f"{folder.name}: no {name} ({type(error).__name__}: {error})")
         return
-    results.write_json(folder, name, content)
+    files.write_json(folder, name, content)

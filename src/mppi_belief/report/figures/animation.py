@@ -16,7 +16,7 @@ from matplotlib.patches import Ellipse
 from matplotlib.text import Text
 from PIL import Image
 
-from ...study.results import write_whole
+from ...study.files import write_whole
 from ..cells import Found
 from .plane import (
     LIGHT,
