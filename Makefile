@@ -14,7 +14,7 @@ $(VENV)/.installed: pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 13))' \
 	  || { echo "Python 3.11, 3.12 or 3.13 is needed: make PYTHON=python3.11 ..." >&2; exit 1; }
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[dev]"
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[dev,cluster]"
 	@touch $@
 
 install: $(VENV)/.installed  ## make the environment in .venv
@@ -34,7 +34,7 @@ verify: install  ## certificates of the paper's theorems, a minute or two: outpu
 	$(BIN)/mppi-belief verify $(ARGS)
 
 calibration: install  ## search the numbers the paper leaves open, half an hour a call; goes on where it stopped
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[dev,calibration]"
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[dev,cluster,calibration]"
 	$(BIN)/python experiments/calibration/search.py $(ARGS)
 
 test: install  ## the test suite

@@ -11,8 +11,10 @@ from types import FrameType
 from typing import Any, NamedTuple
 
 from mppi_belief.settings import ConfigError
+from mppi_belief.study.lanes import Lanes
 from mppi_belief.study.plan import Cell, Chunk
 from mppi_belief.study.pool import Pool
+from mppi_belief.study.worker import Setup
 
 TESTS = str(Path(__file__).resolve().parent)
 
@@ -120,7 +122,7 @@ def hang(config: dict[str, Any], trials: Sequence[int]) -> None:
 
 def hanging_pool(folder: str) -> None:
     """A parent with two busy workers, to be run in a process of its own and killed."""
-    pool = Pool(hang, 2, [TESTS], print)
+    pool = Pool(hang, Lanes(2, Setup([TESTS], {})), print)
     for _ in pool.run([Chunk(Cell(config(folder=folder)), (trial,)) for trial in range(2)]):
         pass
 

@@ -2,7 +2,7 @@
 
 import multiprocessing
 import signal
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -14,8 +14,12 @@ from experiment_helpers import compiled_quickly
 from mppi_belief.experiment import check, device, failed_row, record, run_trials, trials
 from mppi_belief.settings import ConfigError
 from mppi_belief.study import results
+from mppi_belief.study.lanes import Lanes
+from mppi_belief.study.ledger import Ledger
 from mppi_belief.study.plan import Cell, chunks
-from mppi_belief.study.runner import Task, run_study
+from mppi_belief.study.runner import run_study
+from mppi_belief.study.task import Order, Task
+from mppi_belief.study.worker import Setup
 from study_helpers import TESTS, limited, time_steps
 
 TRIALS = 8  # a whole study
@@ -136,21 +140,19 @@ class Study:
 
     def run(self, n_trials: int, workers: int) -> int | None:
         task, command = Task(check, run_trials, time_steps, failed_row, record, device), ["mppi-belief", "run"]
-        return run_study([self.cell], n_trials, self.root, workers, task, command, [TESTS], self.variables).stopped
+        lanes = Lanes(workers, Setup([TESTS], self.variables))
+        return run_study([self.cell], Order(n_trials), self.root, task, lanes, command).stopped
 
     def rows(self) -> Any:
         return results.read_rows(self.root / self.cell.id)
 
 
-def interrupt_at_the_first_write(monkeypatch: pytest.MonkeyPatch) -> None:
-    write: Callable[..., None] = results.write_rows
-
-    def write_rows(*args: Any) -> None:
-        monkeypatch.setattr(results, "write_rows", write)
+def interrupt_at_the_first_result(monkeypatch: pytest.MonkeyPatch) -> None:
+    def keep(self: Ledger, done: Any) -> None:
         for _ in range(2):  # at once: nothing of this chunk and of those that run is kept
             signal.raise_signal(signal.SIGINT)
 
-    monkeypatch.setattr(results, "write_rows", write_rows)
+    monkeypatch.setattr(Ledger, "keep", keep)
 
 
 def test_interrupted_and_resumed_with_other_workers_the_bits_are_the_same(five, tmp_path, monkeypatch):
@@ -158,8 +160,9 @@ def test_interrupted_and_resumed_with_other_workers_the_bits_are_the_same(five, 
         at_once, bit_by_bit = Study(tmp_path / "one", five), Study(tmp_path / "other", five)
         assert at_once.run(12, workers=1) is None
         assert bit_by_bit.run(7, workers=2) is None  # leaves the second batch begun
-        interrupt_at_the_first_write(monkeypatch)
-        assert bit_by_bit.run(12, workers=2) == signal.SIGINT
+        with monkeypatch.context() as patch:
+            interrupt_at_the_first_result(patch)
+            assert bit_by_bit.run(12, workers=2) == signal.SIGINT
         assert len(bit_by_bit.rows()) == 7
         assert bit_by_bit.run(12, workers=1) is None
     assert bit_by_bit.rows()["trial"].tolist() == list(range(12))

@@ -15,7 +15,7 @@ import mppi_belief
 from cli_helpers import CONF, SMALL, Said, call, collect, command, files_in, python, restored
 from mppi_belief import cli
 from mppi_belief.settings import Planner, Settings
-from mppi_belief.study import results
+from mppi_belief.study import files
 
 BAD = [
     "run theta=abc",
@@ -91,7 +91,7 @@ def test_a_full_disk_is_exit_code_74_and_said_in_words(mppi_belief_command, monk
     def full(root: Path) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr(results, "probe", full)
+    monkeypatch.setattr(files, "probe", full)
     said = mppi_belief_command("run", *SMALL)
     assert said.code == 74
     assert re.fullmatch(r"mppi-belief: cannot write results: No space left on device\S*\n", said.err)

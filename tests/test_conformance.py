@@ -215,4 +215,4 @@ def test_a_study_composes_cells_that_differ_and_can_be_built(study):
         assert isinstance(parts.problem.cost, Cost)
         assert callable(parts.controller.act)
     for key in RUNTIME_KEYS:
-        assert len({config[key] for config in configs}) == 1
+        assert all(config[key] == configs[0][key] for config in configs)

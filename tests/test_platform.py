@@ -13,7 +13,10 @@ from cli_helpers import SMALL, call, compose, files_in, restored
 from mppi_belief.experiment import check, device, record, run_trials, time_steps
 from mppi_belief.experiment.device import computing
 from mppi_belief.settings import ConfigError
-from mppi_belief.study import environment, runner
+from mppi_belief.study import environment, executors, runner
+from mppi_belief.study.lanes import Lanes
+from mppi_belief.study.task import Order, Task
+from mppi_belief.study.worker import Setup
 
 
 @pytest.fixture(autouse=True)
@@ -66,15 +69,21 @@ def test_what_the_user_has_set_stays():
 def test_the_switch_reaches_the_study(args, workers, batch, platforms, tmp_path, capsys, monkeypatch):
     given: dict[str, Any] = {}
 
-    def run_study(cells: Any, n_trials: int, root: Any, workers: int, *rest: Any) -> runner.Outcome:
-        given.update(cells=cells, workers=workers, variables=rest[-1])
+    def run_study(cells: Any, order: Order, root: Any, task: Task, workers: Lanes, command: Any) -> None:
+        given.update(cells=cells, workers=workers.count, elsewhere=workers.elsewhere)
         raise ConfigError("far enough")
 
+    def lanes(count: int, setup: Setup) -> Lanes:
+        given.update(variables=setup.variables)
+        return Lanes(count, setup)
+
     monkeypatch.setattr(runner, "run_study", run_study)
+    monkeypatch.setattr(executors, "Lanes", lanes)
     assert call(tmp_path, capsys, "run", *SMALL, *args).err == "mppi-belief: far enough\n"
     (cell,) = given["cells"]
     assert (given["workers"], cell.config["batch"]) == (workers, batch)
     assert given["variables"].get("JAX_PLATFORMS") == platforms
+    assert given["elsewhere"] == (platforms is not None)
 
 
 def test_without_a_gpu_it_is_one_line_that_names_the_extra_and_nothing_is_written(tmp_path, capfd):

@@ -12,8 +12,10 @@ from typing import Any
 import pytest
 
 from mppi_belief.settings import ConfigError
+from mppi_belief.study.lanes import Lanes, WorkerDied
 from mppi_belief.study.plan import Cell, Chunk
-from mppi_belief.study.pool import Lost, Pool, WorkerDied
+from mppi_belief.study.pool import Pool
+from mppi_belief.study.worker import Lost, Setup
 from study_helpers import TESTS, answer, config, ended, leave_marks, limited, path_and_environment, poll
 
 
@@ -27,23 +29,28 @@ def split(cell: Cell, n_trials: int, size: int) -> list[Chunk]:
     return [Chunk(cell, tuple(range(first, min(first + size, n_trials)))) for first in range(0, n_trials, size)]
 
 
+def local_pool(work: Any, workers: int, log: Any = print, *paths: str, **how: Any) -> Pool:
+    """A pool of so many workers on this machine."""
+    return Pool(work, Lanes(workers, Setup([TESTS, *paths], how.pop("variables", {}))), log, **how)
+
+
 class Ran:
     """What a pool made of some chunks."""
 
     def __init__(self, chunks: list[Chunk], workers: int = 2, work: Any = answer) -> None:
         self.log: list[str] = []
-        pool = Pool(work, workers, [TESTS], self.log.append)
+        pool = local_pool(work, workers, self.log.append)
         self.yielded = list(pool.run(chunks))
         pool.close()
-        self.answers = [pair for _, result in self.yielded if isinstance(result, list) for pair in result]
-        self.lost = [(chunk, result) for chunk, result in self.yielded if isinstance(result, Lost)]
+        self.answers = [pair for done in self.yielded if isinstance(done.outcome, list) for pair in done.outcome]
+        self.lost = [(done.trials, done.outcome) for done in self.yielded if isinstance(done.outcome, Lost)]
 
 
 def test_all_chunks_run_once():
     chunks = split(Cell(config(seed=1)), 10, 4) + split(Cell(config(seed=2)), 5, 1)
     ran = Ran(chunks)
     assert sorted(ran.answers) == [(1, trial) for trial in range(10)] + [(2, trial) for trial in range(5)]
-    assert sorted(chunk.trials for chunk, _ in ran.yielded) == sorted(chunk.trials for chunk in chunks)
+    assert sorted(done.trials for done in ran.yielded) == sorted((trial,) for chunk in chunks for trial in chunk.trials)
     assert (ran.lost, ran.log) == ([], [])
 
 
@@ -54,29 +61,28 @@ def test_more_workers_than_chunks_and_no_chunks_at_all():
 
 def test_a_device_that_is_gone_is_no_trials_fault():
     """It ends the run: a result of any kind would say that its trials are done."""
-    pool = Pool(answer, 2, [TESTS], print)
+    pool = local_pool(answer, 2)
     with pytest.raises(ConfigError, match="none is there any more"):
         list(pool.run(split(Cell(config(misses_its_device=5)), 9, 3)))
     pool.close(kill=True)
 
 
-def test_an_exception_loses_its_chunk_and_no_other():
-    ran = Ran(split(Cell(config(raises=5)), 9, 3))
-    ((chunk, lost),) = ran.lost
-    assert chunk.trials == (3, 4, 5)
-    assert lost == Lost("error", "ValueError: trial 5 is cursed")
-    assert sorted(trial for _, trial in ran.answers) == [0, 1, 2, 6, 7, 8]
+def test_an_exception_loses_its_batch_and_no_other():
+    for batch, lost in ((1, (5,)), (2, (4, 5))):
+        ran = Ran(split(Cell(config(batch=batch, raises=5)), 9, 6))
+        assert ran.lost == [(lost, Lost("error", "ValueError: trial 5 is cursed"))]
+        assert sorted(trial for _, trial in ran.answers) == [trial for trial in range(9) if trial not in lost]
 
 
 @pytest.mark.parametrize(("fate", "workers"), [("exits", 2), ("is_killed", 1)])
 def test_a_trial_that_kills_its_worker_is_found_and_all_others_have_results(fate, workers):
     innocent = split(Cell(config(seed=7)), 4, 2)
     ran = Ran(split(Cell(config(**{fate: 5})), 12, 4) + innocent, workers)
-    ((chunk, lost),) = ran.lost
-    assert (chunk.trials, lost.status) == ((5,), "crashed")
+    ((trials, lost),) = ran.lost
+    assert (trials, lost.status) == ((5,), "crashed")
     others = [(0, trial) for trial in range(12) if trial != 5]
     assert sorted(ran.answers) == others + [(7, trial) for trial in range(4)]
-    assert any("trial 5 killed its worker 2 times" in line for line in ran.log)
+    assert any("trial 5: it killed its worker 2 times" in line for line in ran.log)
 
 
 def test_a_worker_that_dies_once_costs_no_trial(tmp_path):
@@ -87,20 +93,20 @@ def test_a_worker_that_dies_once_costs_no_trial(tmp_path):
 
 
 def test_stop_finishes_what_runs_and_starts_no_more(tmp_path):
-    pool = Pool(leave_marks, 2, [TESTS], print)
+    pool = local_pool(leave_marks, 2)
     trials = []
-    for _, done in pool.run(split(Cell(config(folder=str(tmp_path))), 30, 1)):
-        trials += done
+    for done in pool.run(split(Cell(config(folder=str(tmp_path))), 30, 1)):
+        trials += done.outcome
         pool.stop()
     pool.close()
     started = {int(path.name.partition("-")[2]) for path in tmp_path.glob("started-*")}
     finished = {int(path.name.partition("-")[2]) for path in tmp_path.glob("finished-*")}
     assert started == finished == set(trials)
-    assert 1 <= len(trials) <= 3  # two that run and one that waits for a free worker
+    assert 1 <= len(trials) <= 4  # the first, and those that began when it ended
 
 
 def test_a_stopped_pool_runs_nothing(tmp_path):
-    pool = Pool(leave_marks, 2, [TESTS], print)
+    pool = local_pool(leave_marks, 2)
     pool.stop()
     assert list(pool.run(split(Cell(config(folder=str(tmp_path))), 3, 1))) == []
     pool.close()
@@ -108,7 +114,7 @@ def test_a_stopped_pool_runs_nothing(tmp_path):
 
 
 def test_call_returns_a_result_or_says_that_its_worker_died():
-    pool = Pool(answer, 1, [TESTS], print)
+    pool = local_pool(answer, 1)
     assert pool.call(answer, config(seed=4), [1]) == [(4, 1)]
     with pytest.raises(WorkerDied):
         pool.call(answer, config(exits=1), [1])
@@ -124,8 +130,8 @@ def test_workers_are_given_import_paths_and_end_with_the_pool(tmp_path, monkeypa
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     monkeypatch.setitem(sys.modules, "users_module", module)
-    pool = Pool(module.double, 1, [TESTS, str(tmp_path)], print)
-    assert [result for _, result in pool.run(split(Cell(config()), 2, 2))] == [[0, 2]]
+    pool = local_pool(module.double, 1, print, str(tmp_path))
+    assert [done.outcome for done in pool.run(split(Cell(config()), 2, 2))] == [[0], [2]]
     path, environment, pid = pool.call(path_and_environment, config(), [0])
     assert path[:2] == [TESTS, str(tmp_path)]
     assert pid != os.getpid()
@@ -136,7 +142,7 @@ def test_workers_are_given_import_paths_and_end_with_the_pool(tmp_path, monkeypa
 
 def test_variables_are_the_workers_alone(monkeypatch):
     monkeypatch.setenv("JAX_PLATFORMS", "cpu")
-    pool = Pool(answer, 1, [TESTS], print, {"JAX_PLATFORMS": "cuda"})
+    pool = local_pool(answer, 1, variables={"JAX_PLATFORMS": "cuda"})
     _, environment, _ = pool.call(path_and_environment, config(), [0])
     assert (environment["JAX_PLATFORMS"], os.environ["JAX_PLATFORMS"]) == ("cuda", "cpu")
     pool.close()

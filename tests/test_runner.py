@@ -13,11 +13,15 @@ from typing import Any
 import pytest
 
 from mppi_belief.settings import ConfigError
-from mppi_belief.study import files, results
+from mppi_belief.study import files, ledger, results
+from mppi_belief.study.lanes import Lanes
+from mppi_belief.study.ledger import Ledger
 from mppi_belief.study.plan import Cell
 from mppi_belief.study.pool import Pool
-from mppi_belief.study.runner import Outcome, Task, run_study
+from mppi_belief.study.runner import run_study
 from mppi_belief.study.signals import StoppedAtOnce, polite_stop
+from mppi_belief.study.task import Order, Outcome, Task
+from mppi_belief.study.worker import Setup
 from study_helpers import TESTS, answer, config, device, failed_row, limited, record, run_trials, time_steps
 
 
@@ -38,9 +42,12 @@ class Study:
         self.checked.append(config["seed"])
         self._check(config)
 
-    def run(self, *cells: Cell, n_trials: int = 12, workers: int = 1) -> Outcome:
+    def run(self, *cells: Cell, n_trials: int = 12, workers: int = 1, **order: Any) -> Outcome:
         task = Task(self.check, run_trials, time_steps, failed_row, record, self.device)
-        return run_study(cells, n_trials, self.root, workers, task, ["mppi-belief", "run"], [TESTS], self.variables)
+        setup = Setup([TESTS], self.variables or {})
+        return run_study(
+            cells, Order(n_trials, **order), self.root, task, Lanes(workers, setup), ["mppi-belief", "run"]
+        )
 
     def rows(self, cell: Cell) -> Any:
         return results.read_rows(self.root / cell.id)
@@ -82,7 +89,7 @@ def test_two_workers_write_what_one_does(tmp_path):
 @pytest.mark.parametrize(
     ("fate", "status", "error", "trials"),
     [
-        ("raises", "error", "ValueError: trial 4 is cursed", set(range(10))),  # nobody knows how far the chunk was
+        ("raises", "error", "ValueError: trial 4 is cursed", {4}),
         ("exits", "crashed", "the worker process died 2 times in this trial", {4}),
     ],
 )
@@ -145,11 +152,11 @@ def test_results_say_what_computed_them_here_or_in_the_workers_environment(study
     ("fate", "error", "words"),
     [("raises", ValueError, "trial -1 is cursed"), ("exits", ConfigError, "platform=cpu: the worker process died")],
 )
-def test_without_its_device_nothing_is_checked_or_written_and_no_worker_stays(fate, error, words, study):
+def test_without_its_device_nothing_is_run_or_written_and_no_worker_stays(fate, error, words, study):
     study.variables = {"DEVICE": "another"}
     with pytest.raises(error, match=words):
         study.run(Cell(config(**{fate: -1})))
-    assert (study.checked, study.root.exists()) == ([], False)
+    assert not study.root.exists()
     assert multiprocessing.active_children() == []
 
 
@@ -170,6 +177,7 @@ def test_a_disk_that_fills_up_ends_a_study_and_its_workers_and_keeps_what_was_wr
         write(*args)
 
     monkeypatch.setattr(results, "write_rows", write_rows)
+    monkeypatch.setattr(ledger, "LONGEST", 0.0)
     with pytest.raises(OSError, match="No space left"):
         study.run(cell, n_trials=50)
     assert multiprocessing.active_children() == []
@@ -181,11 +189,12 @@ def test_a_disk_that_fills_up_ends_a_study_and_its_workers_and_keeps_what_was_wr
 def test_a_torn_file_costs_its_trials_only(study, capsys):
     cell = Cell(config())
     study.run(cell)
+    study.run(cell, n_trials=22)
     first, _ = sorted((study.root / cell.id).glob("part-*"))
     first.write_bytes(first.read_bytes()[:100])
-    assert study.run(cell) == Outcome({cell.id: 10}, {cell.id: 2}, None)
-    assert first.name in capsys.readouterr().out
-    assert study.rows(cell)["trial"].tolist() == list(range(12))
+    assert study.run(cell, n_trials=22) == Outcome({cell.id: 12}, {cell.id: 10}, None)
+    assert first.name in capsys.readouterr().err
+    assert study.rows(cell)["trial"].tolist() == list(range(22))
 
 
 def test_a_broken_timing_file_is_made_again(study):
@@ -212,7 +221,8 @@ def test_a_recording_is_made_once_and_only_where_a_cell_asks_for_one(study):
 def test_a_worker_that_dies_over_a_recording_leaves_none_and_the_rest_as_it_is(study):
     dying, living = (Cell(config(seed=seed, exits=99) | {"record": 99}) for seed in (0, 1))
     fatal = Task(study.check, run_trials, time_steps, failed_row, partial(answer, trials=[99]), device)
-    outcome = run_study([dying], 12, study.root, 1, fatal, ["mppi-belief", "run"], [TESTS])
+    lanes = Lanes(1, Setup([TESTS], {}))
+    outcome = run_study([dying], Order(12), study.root, fatal, lanes, ["mppi-belief", "run"])
     assert outcome == Outcome({dying.id: 12}, {dying.id: 0}, None)
     assert multiprocessing.active_children() == []
     assert study.rows(dying)["status"].tolist() == ["ok"] * 12
@@ -235,22 +245,22 @@ def test_the_first_signal_asks_the_second_ends_and_handlers_are_put_back():
     assert [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)] == before
 
 
-def interrupt_while_writing(monkeypatch: pytest.MonkeyPatch, times: int) -> None:
-    """So many Ctrl-C arrive while the first part file is written."""
-    write = results.write_rows
+def interrupt_at_the_first_result(monkeypatch: pytest.MonkeyPatch, times: int) -> None:
+    """So many Ctrl-C arrive with the first result."""
+    before = Ledger.keep
 
-    def write_rows(*args: Any) -> None:
-        monkeypatch.setattr(results, "write_rows", write)
+    def keep(self: Ledger, done: Any) -> None:
+        monkeypatch.setattr(Ledger, "keep", before)
         for _ in range(times):
             signal.raise_signal(signal.SIGINT)
-        write(*args)
+        before(self, done)
 
-    monkeypatch.setattr(results, "write_rows", write_rows)
+    monkeypatch.setattr(Ledger, "keep", keep)
 
 
 def test_one_signal_keeps_what_runs_and_the_rest_waits_for_the_next_run(study, monkeypatch):
     cell = Cell(config())
-    interrupt_while_writing(monkeypatch, times=1)
+    interrupt_at_the_first_result(monkeypatch, times=1)
     outcome = study.run(cell, n_trials=50)
     kept = study.rows(cell)["trial"].tolist()
     assert outcome == Outcome({cell.id: len(kept)}, {cell.id: 0}, signal.SIGINT)
@@ -269,7 +279,7 @@ def test_more_signals_end_it_at_once_without_an_exception(times, study, monkeypa
             signal.raise_signal(signal.SIGINT)
         close(pool, kill=kill)
 
-    interrupt_while_writing(monkeypatch, times=2)
+    interrupt_at_the_first_result(monkeypatch, times=2)
     monkeypatch.setattr(Pool, "close", interrupted_close)
     assert study.run(cell, n_trials=50).stopped == signal.SIGINT
     assert multiprocessing.active_children() == []

@@ -15,6 +15,7 @@ def settings(**changes: Any) -> dict[str, Any]:
     planner = {"n_samples": 16, "horizon": 4, "temperature": 1.0, "control_std": None}
     groups: dict[str, Any] = {group: {} for group in ("problem", "system", "cost", "filter", "controller")}
     places = {"results_dir": "outputs", "report_dir": "outputs", "verify_dir": "outputs", "record": None}
+    places |= {"trial_timeout": 60.0, "shard": None, "executor": {"kind": "local"}}
     return {**top, **how, **places, "planner": planner, **groups, **changes}
 
 
@@ -35,6 +36,8 @@ def settings(**changes: Any) -> dict[str, Any]:
         ("batch", 1),
         ("batch", 10**5),
         ("record", 0),
+        ("trial_timeout", None),
+        ("trial_timeout", 0.001),
         ("record", None),
         ("system", {"drift": -1e300, "centers": [[]], "note": "nan"}),
     ],
@@ -51,6 +54,8 @@ def test_what_is_in_range_passes_and_stays_as_it_is(key, value):
     [
         ("theta", -1e-9, "at least 0"),
         ("record", -1, "at least 0"),
+        ("trial_timeout", 0.0, "at least 0.001"),
+        ("trial_timeout", math.inf, "must be finite"),
         ("report_dir", " ", "must name a folder"),
         ("verify_dir", "", "must name a folder"),
         ("theta", math.nan, "finite"),

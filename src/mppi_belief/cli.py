@@ -17,7 +17,7 @@ from .composing import RUNTIME_KEYS, collect, compose, parse
 from .settings import ConfigError, unknown_key
 from .study.signals import STOPPING, held
 
-NOT_HELD, INPUT_ERROR, SOME_FAILED, CANNOT_WRITE, CUT_OFF = 1, 2, 3, 74, 141
+NOT_HELD, INPUT_ERROR, SOME_FAILED, CANNOT_WRITE, NOBODY_WORKS, CUT_OFF = 1, 2, 3, 74, 75, 141
 COMMANDS = ("run", "report", "verify")
 FIRST_WORDS = (*COMMANDS, "--help", "--version")
 
@@ -83,6 +83,8 @@ def _complain(line: str, code: int) -> int:
 
 def run(args: Sequence[str]) -> int:
     """`mppi-belief run`: collect, check everything, run one plan, print one table."""
+    retry_failed, command = "--retry-failed" in args, ["mppi-belief", "run", *args]
+    args = [arg for arg in args if arg != "--retry-failed"]
     configs = collect(args)
     if not configs:  # --help, --cfg, --info
         return 0
@@ -91,17 +93,27 @@ def run(args: Sequence[str]) -> int:
     first = configs[0]
     variables = environment.prepare(first["platform"])
     from .experiment import check, device, failed_row, record, run_trials, time_steps
-    from .study.plan import Cell
-    from .study.runner import Task, run_study
+    from .study import executors
+    from .study.lanes import WorkersGone
+    from .study.plan import WHOLE, Cell, Shard
+    from .study.runner import run_study
+    from .study.task import Order, Task
+    from .study.worker import Setup
 
     import_paths = [str(Path(folder).resolve()) for folder in parse(args)[2]]
     sys.path[:0] = import_paths
     cells = {cell.id: cell for cell in map(Cell, configs)}
     root, n_trials = Path(first["results_dir"]), first["n_trials"]
-    workers = 1 if first["platform"] == "gpu" else first["workers"]
+    shard = WHOLE if first["shard"] is None else Shard.parse(first["shard"])
+    order = Order(n_trials, shard, retry_failed, first["trial_timeout"])
+    count = 1 if first["platform"] == "gpu" and first["executor"]["kind"] == "local" else first["workers"]
+    setup = Setup(import_paths, variables)
+    workers = executors.workers(first["executor"], count, setup, environment.in_force())
     task = Task(check, run_trials, time_steps, failed_row, record, device)
-    command = ["mppi-belief", "run", *args]
-    outcome = run_study(list(cells.values()), n_trials, root, workers, task, command, import_paths, variables)
+    try:
+        outcome = run_study(list(cells.values()), order, root, task, workers, command)
+    except WorkersGone as error:
+        return _complain(f"{error}; the same command goes on", NOBODY_WORKS)
     return _tell(list(cells.values()), root, n_trials, outcome)
 
 
@@ -173,14 +185,14 @@ def _certify(config: dict[str, Any], names: Sequence[str], command: list[str]) -
     from .report.theory import show
     from .study.certificates import Stored, load, store
     from .study.files import probe
-    from .study.pool import start_worker
     from .study.provenance import provenance
+    from .study.worker import Setup, start_worker
     from .verify.runner import certify_all
 
     folder, lost = Path(config["verify_dir"]), []
     probe(folder)
     source = provenance(command) | {"seed": config["seed"]}
-    start = partial(start_worker, [], {})
+    start = partial(start_worker, Setup([], {}))
     with contextlib.closing(certify_all(names, config["seed"], config["workers"], start)) as done:
         for one in tqdm(done, total=len(names), unit="certificate", disable=None):
             if one.certificate is None:

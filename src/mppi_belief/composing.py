@@ -21,7 +21,10 @@ from .settings import ConfigError, Settings, batch_size
 from .settings import check as check_settings
 
 # they do not change what a trial is
-RUNTIME_KEYS = ("n_trials", "workers", "results_dir", "report_dir", "verify_dir", "record")
+RUNTIME_KEYS = (
+    *("n_trials", "workers", "results_dir", "report_dir", "verify_dir", "record"),
+    *("executor", "shard", "trial_timeout"),
+)
 NAMED_GROUPS = ("system", "cost", "filter", "controller")
 
 
@@ -116,7 +119,7 @@ def collect(args: Sequence[str]) -> list[dict[str, Any]]:
         settings = HydraConfig.get()
         names = {group: settings.runtime.choices[group] for group in NAMED_GROUPS}
         keys = [override.lstrip("+~").partition("=")[0] for override in settings.overrides.task]
-        swept = [key for key in keys if key not in (*RUNTIME_KEYS, "sweep", "experiment")]
+        swept = [key for key in keys if key.split(".")[0] not in (*RUNTIME_KEYS, "sweep", "experiment")]
         configs.append(config)
         labels.append({"names": names, "swept": {key: names.get(key) or _scalar(config, key) for key in swept}})
 

@@ -44,6 +44,8 @@ class Settings:
     workers: int = _ranged(1, 1024)
     platform: str = field(default=MISSING, metadata={"options": tuple(DEFAULT_BATCH)})
     batch: int | None = field(default=None, metadata={"range": (1, 10**5)})
+    trial_timeout: float | None = field(default=None, metadata={"range": (1e-3, 1e9)})
+    shard: str | None = None
     precision: str = field(default=MISSING, metadata={"options": ("float32", "float64")})
     results_dir: str = MISSING
     report_dir: str = MISSING
@@ -55,6 +57,7 @@ class Settings:
     cost: dict[str, Any] = MISSING
     filter: dict[str, Any] = MISSING
     controller: dict[str, Any] = MISSING
+    executor: dict[str, Any] = MISSING
 
 
 def batch_size(config: dict[str, Any]) -> int | None:

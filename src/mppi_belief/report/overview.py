@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ..study.plan import Cell
-from ..study.runner import Outcome
+from ..study.task import Outcome
 from . import figures
 from .cells import Found, find
 from .summary import as_text, plain, summarise

@@ -63,6 +63,13 @@ def _with_flags(flags: Sequence[str]) -> str:
     return " ".join([*given, *(flag for flag in flags if flag.partition("=")[0] not in names)])
 
 
+def in_force() -> dict[str, str]:
+    """All that `prepare` has set here, for workers that do not inherit it."""
+    names = (*_ONE_THREAD, "XLA_FLAGS", "JAX_PLATFORMS", "JAX_COMPILATION_CACHE_DIR")
+    names += ("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "TF_CPP_MIN_LOG_LEVEL")
+    return {name: os.environ[name] for name in names}
+
+
 def threads() -> dict[str, str]:
     """The thread settings in force, for provenance."""
     return {name: os.environ.get(name, "") for name in (*_ONE_THREAD, "XLA_FLAGS")}

@@ -1,13 +1,16 @@
 """What to run: cells, their identity, and the chunks of trials still missing."""
 
+from __future__ import annotations
+
 import hashlib
 import itertools
 import json
 import math
-from collections.abc import Collection, Iterator
+import re
+from collections.abc import Collection
 from typing import Any, NamedTuple
 
-from ..settings import batches
+from ..settings import ConfigError, batches
 
 ALGORITHM_VERSION = 2  # raise when the same configuration would give other numbers
 IDENTITY = ("system", "cost", "problem", "filter", "controller", "names", "seed", "precision", "platform", "batch")
@@ -34,11 +37,39 @@ class Chunk(NamedTuple):
     trials: tuple[int, ...]
 
 
-def chunks(cell: Cell, n_trials: int, done: Collection[int], workers: int) -> Iterator[Chunk]:
-    """The trials 0..n_trials-1 that are not done, in pieces small enough to share out and to lose; whole batches."""
+class Shard(NamedTuple):
+    """The i-th of n parts of a study, 1 <= i <= n."""
+
+    i: int
+    n: int
+
+    @classmethod
+    def parse(cls, text: str) -> Shard:
+        """A shard from "i/n"; raises `ConfigError`."""
+        found = re.fullmatch(r"([1-9]\d{0,6})/([1-9]\d{0,6})", text)
+        if found is None or int(found[1]) > int(found[2]):
+            raise ConfigError(f"shard={text}: must be i/n with 1 <= i <= n, for instance 3/10: the third of ten parts")
+        return cls(int(found[1]), int(found[2]))
+
+    def has(self, batch: int) -> bool:
+        """Whether a batch of trials, by its number in the whole study, belongs to this part: every n-th does."""
+        return batch % self.n == self.i - 1
+
+
+WHOLE = Shard(1, 1)
+
+
+def chunks(
+    cell: Cell, n_trials: int, done: Collection[int], workers: int, shard: Shard = WHOLE, place: int = 0
+) -> list[Chunk]:
+    """The trials 0..n_trials-1 that are not done, in pieces small enough to share out and to lose; whole batches.
+
+    `place` counts the cells before this one: it spreads short cells over the shards.
+    """
     size = cell.config["batch"]
-    missing = list(batches([trial for trial in range(n_trials) if trial not in done], size))
+    trials = [trial for trial in range(n_trials) if trial not in done and shard.has(place + trial // size)]
+    missing = list(batches(trials, size))
     share = math.ceil(len(missing) / workers)
     count = min(share, max(math.ceil(SMALLEST_CHUNK / size), math.ceil(share / 200)))
-    for start in range(0, len(missing), max(count, 1)):
-        yield Chunk(cell, tuple(itertools.chain.from_iterable(missing[start : start + count])))
+    starts = range(0, len(missing), max(count, 1))
+    return [Chunk(cell, tuple(itertools.chain.from_iterable(missing[at : at + count]))) for at in starts]

@@ -1,54 +1,68 @@
-"""Who runs it: a process pool that survives its workers.
+"""Who runs it: chunks are handed to workers, and whatever happens to those, every trial gets a result.
 
-A killed worker breaks a `ProcessPoolExecutor` and takes the innocent chunks in flight with it. Those
-are then run one at a time in a fresh pool; a chunk that breaks that too is halved, down to the one
-trial, which after a second strike is given up as crashed.
+A chunk whose worker died is halved, down to the one trial, which after a second strike is given up as crashed; most
+are innocent and do well the second time. A trial that hangs is given up at once; its worker is ended, and what it had
+not begun is run again.
 """
 
-import multiprocessing
-import os
-import signal
-import sys
 import threading
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
-from typing import Any, NamedTuple
+from concurrent.futures import FIRST_COMPLETED, Future, wait
+from typing import Any, NamedTuple, Protocol
 
-from ..settings import ConfigError
-from .plan import Chunk
-from .signals import STOPPING
+from ..settings import ConfigError, batches
+from .lanes import WorkerDied, WorkersGone
+from .plan import Cell, Chunk
+from .worker import Lost, Overtime, Report, run_chunk, within
 
 STRIKES = 2
+PATIENCE = 30.0  # s beyond the time that a chunk may take, before its worker is ended from outside
+TICK = 0.25  # s
 
 
-class WorkerDied(Exception):
-    """A worker ended before its function did."""
+class Workers(Protocol):
+    """Whoever works, on this machine (`lanes`) or on others (`cluster`).
+
+    count      how many, about                    elsewhere   whether this process tells nothing of their device
+    room()     how many chunks they would take    submit      let one of them do something
+    collect    what came of it                    discard     end the worker that a future was given to
+    withdraw   take back what none has begun      age         seconds since it certainly began
+    close      end them all
+    """
+
+    count: int
+    elsewhere: bool
+
+    def room(self) -> int: ...
+    def submit(self, function: Callable[..., Any], *args: Any) -> Future[Any]: ...
+    def collect(self, future: Future[Any]) -> Any: ...
+    def discard(self, future: Future[Any]) -> None: ...
+    def withdraw(self, futures: Iterable[Future[Any]]) -> list[Future[Any]]: ...
+    def age(self, future: Future[Any]) -> float: ...
+    def close(self, *, kill: bool = False) -> None: ...
 
 
-class Lost(NamedTuple):
-    """Why a chunk has no result: `status` is "error" or "crashed"."""
+class Done(NamedTuple):
+    """Trials of a cell with what their worker made of them, or `Lost`, and where it was."""
 
-    status: str
-    error: str
+    cell: Cell
+    trials: tuple[int, ...]
+    outcome: Any
+    where: dict[str, str]
 
 
 class Pool:
-    """Runs `work(config, trials)` on chunks; `import_paths` are added to the workers' module search path, `variables`
-    to their environment."""
+    """Runs `work(config, trials)` on chunks; a batch of trials may take `seconds` (None: as long as it likes)."""
 
     def __init__(
-        self,
-        work: Callable[..., Any],
-        workers: int,
-        import_paths: list[str],
-        log: Callable[[str], None],
-        variables: dict[str, str] | None = None,
+        self, work: Callable[..., Any], workers: Workers, log: Callable[[str], None], seconds: float | None = None
     ) -> None:
-        self._work, self._workers, self._log = work, workers, log
-        self._start = (import_paths, variables or {})
-        self._executor: ProcessPoolExecutor | None = None
+        self._work, self._workers, self._log, self._seconds = work, workers, log, seconds
+        self._waiting: deque[Chunk] = deque()
+        self._running: dict[Future[Any], Chunk] = {}
+        self._overdue: set[Future[Any]] = set()
+        self._strikes: Counter[tuple[str, int]] = Counter()
         self._stopping = threading.Event()
 
     def stop(self) -> None:
@@ -57,114 +71,112 @@ class Pool:
 
     def close(self, *, kill: bool = False) -> None:
         """End the workers: when they are idle, or at once."""
-        if kill:
-            for child in multiprocessing.active_children():
-                child.kill()
-        if self._executor is not None:
-            self._executor.shutdown(wait=True, cancel_futures=True)
-            self._executor = None
+        self._workers.close(kill=kill)
 
-    def run(self, chunks: Iterable[Chunk]) -> Iterator[tuple[Chunk, Any]]:
-        """Yield every chunk with its result, or with `Lost`, as they come; raises `ConfigError` where the work does."""
-        fresh, suspects = deque(chunks), deque[Chunk]()
-        strikes: Counter[tuple[str, int]] = Counter()
-        running: dict[Future[Any], Chunk] = {}
-        while running or ((fresh or suspects) and not self._stopping.is_set()):
-            self._fill(running, fresh, suspects)
-            alone = len(running) == 1 and bool(suspects)
-            broken = []
-            for future in wait(running, return_when=FIRST_COMPLETED).done:
-                chunk = running.pop(future)
-                try:
-                    yield chunk, future.result()
-                except BrokenProcessPool:
-                    broken.append(chunk)
-                except ConfigError:  # no trial's own fault: nothing of this chunk may count as done
-                    raise
-                except Exception as error:
-                    yield chunk, Lost("error", f"{type(error).__name__}: {error}")
-            if alone and not broken:
-                suspects.popleft()
-            if broken:
-                yield from self._recover([*broken, *running.values()], alone, suspects, strikes)
-                running.clear()
+    def run(self, chunks: Iterable[Chunk], tick: Callable[[], object] = lambda: None) -> Iterator[Done]:
+        """Yield every trial with its result, or with `Lost`, as they come, and call `tick` now and then.
+
+        Raises `ConfigError` where the work does, `WorkersGone` if there is nobody to do it.
+        """
+        self._waiting.extend(chunks)
+        while self._running or (self._waiting and not self._stopping.is_set()):
+            if self._stopping.is_set():
+                for future in self._workers.withdraw([*self._running]):
+                    del self._running[future]
+            self._fill()
+            settled, trouble = self._gather(wait(self._running, timeout=TICK, return_when=FIRST_COMPLETED).done)
+            if trouble is None:
+                self._fill()  # nobody waits while results are written
+            yield from settled
+            if trouble is not None:
+                raise trouble
+            self._look_at_the_clock()
+            tick()
 
     def call(self, function: Callable[..., Any], *args: Any) -> Any:
-        """Run one function in a worker while the others are idle; raises `WorkerDied`."""
+        """Run one function in a worker while the others are idle; raises `WorkerDied`, or `Overtime` if it takes as
+        long as a batch of trials may."""
+        future = self._workers.submit(within, self._seconds, function, *args)
         try:
-            return self._submit(function, *args).result()
-        except BrokenProcessPool as error:
-            self.close(kill=True)
-            raise WorkerDied("the worker process died") from error
+            return self._workers.collect(future)
+        except Overtime:
+            self._workers.discard(future)
+            raise
 
-    def _fill(self, running: dict[Future[Any], Chunk], fresh: deque[Chunk], suspects: deque[Chunk]) -> None:
-        """Keep every worker busy and one chunk waiting; a suspect runs alone and stays in its queue till cleared."""
-        while not self._stopping.is_set():
-            if suspects:
-                if not running:
-                    running[self._submit(self._work, suspects[0].cell.config, suspects[0].trials)] = suspects[0]
-                return
-            if not fresh or len(running) > self._workers:
-                return
-            chunk = fresh.popleft()
-            running[self._submit(self._work, chunk.cell.config, chunk.trials)] = chunk
-
-    def _submit(self, function: Callable[..., Any], *args: Any) -> Future[Any]:
-        # children inherit the mask: a Ctrl-C that reaches them while Python starts must not print a traceback
-        before = signal.pthread_sigmask(signal.SIG_BLOCK, STOPPING)
-        try:
-            if self._executor is None:
-                context = multiprocessing.get_context("spawn")
-                self._executor = ProcessPoolExecutor(
-                    self._workers, context, initializer=start_worker, initargs=self._start
-                )
+    def _gather(self, ended: Iterable[Future[Any]]) -> tuple[list[Done], Exception | None]:
+        """What has ended, and what of it ends the run."""
+        settled: list[Done] = []
+        trouble: Exception | None = None
+        for future in ended:
             try:
-                return self._executor.submit(function, *args)
-            except BrokenProcessPool as error:
-                failed: Future[Any] = Future()
-                failed.set_exception(error)
-                return failed
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+                settled.extend(self._settle(future))
+            except (ConfigError, WorkersGone) as error:
+                trouble = error
+        return settled, trouble
 
-    def _recover(
-        self, victims: list[Chunk], alone: bool, suspects: deque[Chunk], strikes: Counter[tuple[str, int]]
-    ) -> Iterator[tuple[Chunk, Lost]]:
-        self.close(kill=True)  # the survivors ignore the SIGTERM that a broken pool sends them
-        if not alone:
-            self._log(f"a worker died; running again, one at a time: {len(victims)} chunk(s)")
-            suspects.extend(victims)
+    def _fill(self) -> None:
+        while self._waiting and not self._stopping.is_set() and self._workers.room() > 0:
+            chunk = self._waiting.popleft()
+            future = self._workers.submit(run_chunk, self._work, chunk.cell.config, chunk.trials, self._seconds)
+            self._running[future] = chunk
+
+    def _settle(self, future: Future[Any]) -> Iterator[Done]:
+        """The trials of a chunk that has ended; those that have no result yet wait again."""
+        chunk, overdue = self._running.pop(future), future in self._overdue
+        self._overdue.discard(future)
+        try:
+            report: Report = self._workers.collect(future)
+        except WorkerDied:
+            yield from self._bury(chunk, overdue)
             return
-        (culprit,) = victims
-        suspects.popleft()
-        if len(culprit.trials) > 1:
-            middle = len(culprit.trials) // 2
-            self._log(f"a worker died in trials {culprit.trials[0]}..{culprit.trials[-1]}; looking for the one")
-            suspects.extendleft(
-                culprit._replace(trials=part) for part in (culprit.trials[middle:], culprit.trials[:middle])
-            )
+        except WorkersGone:
+            raise
+        except Exception as error:
+            yield Done(*chunk, Lost("error", f"{type(error).__name__}: {error}"), {})
             return
-        accused = (culprit.cell.id, culprit.trials[0])
-        strikes[accused] += 1
-        if strikes[accused] < STRIKES:
-            suspects.appendleft(culprit)
+        for trials, outcome in report.done:
+            yield Done(chunk.cell, trials, outcome, report.where)
+            if isinstance(outcome, Lost) and outcome.status == "timeout":
+                self._log(f"{_name(chunk.cell, trials)}: {outcome.error}; given up")
+                self._workers.discard(future)
+        if report.unfinished:
+            self._waiting.appendleft(chunk._replace(trials=report.unfinished))
+        if report.mistake is not None:  # no trial's own fault: nothing of this chunk may count as done
+            raise ConfigError(report.mistake)
+
+    def _bury(self, chunk: Chunk, overdue: bool) -> Iterator[Done]:
+        """What to do about a chunk whose worker died."""
+        name = _name(chunk.cell, chunk.trials)
+        if len(chunk.trials) > 1:
+            self._log(f"{name}: {'ended a worker that hangs' if overdue else 'a worker died'}; running them again")
+            middle = len(chunk.trials) // 2
+            parts = chunk.trials[middle:], chunk.trials[:middle]
+            self._waiting.extendleft(chunk._replace(trials=part) for part in parts)
             return
-        self._log(f"trial {culprit.trials[0]} killed its worker {STRIKES} times; given up")
-        yield culprit, Lost("crashed", f"the worker process died {STRIKES} times in this trial")
+        accused = (chunk.cell.id, chunk.trials[0])
+        self._strikes[accused] += 1
+        if overdue:
+            self._log(f"{name}: it hangs; given up")
+            yield Done(*chunk, Lost("timeout", f"not done after {self._seconds:g} s"), {})
+        elif self._strikes[accused] < STRIKES:
+            self._log(f"{name}: its worker died; running it again")
+            self._waiting.appendleft(chunk)
+        else:
+            self._log(f"{name}: it killed its worker {STRIKES} times; given up")
+            yield Done(*chunk, Lost("crashed", f"the worker process died {STRIKES} times in this trial"), {})
+
+    def _look_at_the_clock(self) -> None:
+        """End workers that are so late that they cannot even look at the clock themselves."""
+        if self._seconds is None:
+            return
+        for future, chunk in self._running.items():
+            count = len([*batches(chunk.trials, chunk.cell.config["batch"])])
+            if future not in self._overdue and self._workers.age(future) > self._seconds * count + PATIENCE:
+                self._overdue.add(future)
+                self._workers.discard(future)
 
 
-def start_worker(import_paths: list[str], variables: dict[str, str]) -> None:
-    """Leave signals to the parent, and die with it. The variables are set before any work is imported."""
-    for number in STOPPING:
-        signal.signal(number, signal.SIG_IGN)
-    os.environ.update(variables)
-    sys.path[:0] = import_paths
-    parent = multiprocessing.parent_process()
-    if parent is None:
-        raise RuntimeError("a worker has a parent process")
-
-    def die_with(parent: multiprocessing.process.BaseProcess) -> None:
-        parent.join()
-        os._exit(1)
-
-    threading.Thread(target=die_with, args=(parent,), daemon=True).start()
+def _name(cell: Cell, trials: tuple[int, ...]) -> str:
+    return f"{cell.id} trial{'' if len(trials) == 1 else 's'} {trials[0]}" + (
+        f"..{trials[-1]}" if len(trials) > 1 else ""
+    )

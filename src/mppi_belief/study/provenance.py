@@ -2,7 +2,6 @@
 
 import platform
 import subprocess
-import sys
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
@@ -10,6 +9,7 @@ from typing import Any
 
 from .environment import threads
 from .plan import ALGORITHM_VERSION
+from .worker import where
 
 _PACKAGES = ("mppi-belief", "jax", "jaxlib", "numpy", "scipy", "pandas", "pyarrow", "hydra-core", "omegaconf")
 
@@ -21,8 +21,7 @@ def provenance(command: list[str]) -> dict[str, Any]:
         "started": datetime.now(UTC).isoformat(timespec="seconds"),
         "algorithm": ALGORITHM_VERSION,
         "versions": {"python": platform.python_version(), **{name: version(name) for name in _PACKAGES}},
-        "platform": platform.platform(),
-        "processor": _processor(),
+        **where(),
         "threads": threads(),
         **_commit(Path(__file__).resolve().parents[3]),
     }
@@ -42,11 +41,3 @@ def _commit(root: Path) -> dict[str, Any]:
 def _git(root: Path, *args: str) -> str:
     done = subprocess.run(["git", "-C", str(root), *args], capture_output=True, text=True, check=True)
     return done.stdout.strip()
-
-
-def _processor() -> str:
-    if sys.platform == "linux":
-        for line in Path("/proc/cpuinfo").read_text().splitlines():
-            if line.startswith("model name"):
-                return line.partition(":")[2].strip()
-    return platform.processor()

@@ -54,13 +54,14 @@ _PATHS = pa.schema(
 )
 
 
-def write_rows(folder: Path, rows: Sequence[dict[str, Any]], provenance: dict[str, Any]) -> None:
-    """One part file for these trials."""
+def write_rows(folder: Path, rows: Sequence[dict[str, Any]], *sources: dict[str, Any]) -> None:
+    """One part file for these trials; of several sources each says which `trials` (ranges) it gave."""
     extra = [name for name in rows[0] if name not in _TYPES]
     columns = [pa.field(name, kind) for name, kind in _TYPES.items()]
     columns += [pa.field(name, pa.array([row[name] for row in rows]).type) for name in extra]
     table = pa.Table.from_pylist(list(rows), schema=pa.schema(columns))
-    write_table(folder, "part", table, [{"trials": ranges([row["trial"] for row in rows]), **provenance}])
+    every = ranges([row["trial"] for row in rows])
+    write_table(folder, "part", table, [{"trials": every, **source} for source in sources])
 
 
 def write_paths(folder: Path, rows: Sequence[dict[str, Any]]) -> None:
