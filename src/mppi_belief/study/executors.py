@@ -101,11 +101,22 @@ def _need(module: str) -> None:
         raise ConfigError(f"executor: {NEEDS}")
 
 
-def _dask(settings: Dask, count: int) -> Any:
+def _configure() -> None:
+    """The settings of a scheduler that is started here."""
     import dask
+
+    dask.config.set(
+        {
+            "distributed.scheduler.allowed-failures": 0,  # the pool decides what is tried again
+            "distributed.deploy.lost-worker-timeout": "2s",  # a cancelled job is replaced after it
+        }
+    )
+
+
+def _dask(settings: Dask, count: int) -> Any:
     from distributed import Client, LocalCluster
 
-    dask.config.set({"distributed.scheduler.allowed-failures": 0})  # the pool decides what is tried again
+    _configure()
     if settings.address is None:
         return Client(LocalCluster(n_workers=count, threads_per_worker=1, dashboard_address=None))
     try:
@@ -115,11 +126,10 @@ def _dask(settings: Dask, count: int) -> Any:
 
 
 def _slurm(settings: Slurm, count: int) -> Any:
-    import dask
     from dask_jobqueue.slurm import SLURMCluster
     from distributed import Client
 
-    dask.config.set({"distributed.scheduler.allowed-failures": 0})
+    _configure()
     per_job = min(settings.workers_per_job, count)
     cluster = SLURMCluster(
         queue=settings.partition,
