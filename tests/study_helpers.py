@@ -61,6 +61,10 @@ def answer(config: dict[str, Any], trials: Sequence[int]) -> list[tuple[int, int
             os._exit(9)
         if trial == wishes.get("is_killed"):
             os.kill(os.getpid(), signal.SIGKILL)
+        if trial == wishes.get("hangs"):
+            time.sleep(60)
+        if trial == wishes.get("stops"):
+            os.kill(os.getpid(), signal.SIGSTOP)
         if trial == wishes.get("dies_once") and claim(Path(wishes["flag"])):
             os._exit(9)
     return [(config["seed"], trial) for trial in trials]

@@ -12,10 +12,10 @@ from typing import Any
 import pytest
 
 from mppi_belief.settings import ConfigError
-from mppi_belief.study.lanes import Lanes, WorkerDied
+from mppi_belief.study.lanes import Lanes, WorkerDied, WorkersGone
 from mppi_belief.study.plan import Cell, Chunk
 from mppi_belief.study.pool import Pool
-from mppi_belief.study.worker import Lost, Setup
+from mppi_belief.study.worker import Lost, Overtime, Setup
 from study_helpers import TESTS, answer, config, ended, leave_marks, limited, path_and_environment, poll
 
 
@@ -92,6 +92,93 @@ def test_a_worker_that_dies_once_costs_no_trial(tmp_path):
     assert "a worker died" in ran.log[0]
 
 
+def test_short_chunks_are_run_together_and_everybody_has_some(tmp_path):
+    pool = local_pool(answer, 2)
+    sizes = []
+    before = pool._workers.submit
+
+    def submit(function: Any, *args: Any) -> Any:
+        sizes.append(len(args[2]))
+        return before(function, *args)
+
+    pool._workers.submit = submit
+    done = [trial for one in pool.run(split(Cell(config()), 1000, 1)) for trial in one.trials]
+    pool.close()
+    assert sorted(done) == list(range(1000))
+    assert (sizes[0], max(sizes) > 50, max(sizes) <= 250) == (
+        1,
+        True,
+        True,
+    )  # a quarter of what is left, or half a second
+    assert sizes[-1] < max(sizes)
+
+
+def test_the_order_to_share_out_long_chunks_is_kept():
+    """Nothing is run together that takes long enough by itself."""
+    pool = local_pool(answer, 1)
+    cell = Cell(config())
+    pool._pace[cell.id], pool._left[cell.id] = 0.2, 100
+    pool._waiting.extend(split(cell, 10, 2))
+    assert [pool._next().trials for _ in range(5)] == [(0, 1), (2, 3), (4, 5), (6, 7), (8, 9)]
+    pool._pace[cell.id] = 0.1
+    pool._waiting.extend(split(cell, 10, 2))
+    assert [pool._next().trials for _ in range(3)] == [(0, 1, 2, 3), (4, 5, 6, 7), (8, 9)]
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_trial_that_hangs_is_given_up_and_its_worker_ended(workers, tmp_path):
+    log: list[str] = []
+    pool = local_pool(answer, workers, log.append, seconds=0.5)
+    done = {done.trials[0]: done.outcome for done in pool.run(split(Cell(config(hangs=5)), 12, 4))}
+    pool.close()
+    assert done.pop(5) == Lost("timeout", "not done after 0.5 s")
+    assert done == {trial: [(0, trial)] for trial in range(12) if trial != 5}
+    assert [line for line in log if "trial 5: not done after 0.5 s; given up" in line] == log
+
+
+def test_a_worker_that_cannot_even_look_at_the_clock_is_ended(monkeypatch):
+    monkeypatch.setattr("mppi_belief.study.pool.PATIENCE", 0.5)
+    log: list[str] = []
+    pool = local_pool(answer, 1, log.append, seconds=1.0)
+    done = {done.trials[0]: done.outcome for done in pool.run(split(Cell(config(stops=1)), 3, 2))}
+    pool.close()
+    assert done.pop(1) == Lost("timeout", "not done after 1 s")
+    assert done == {trial: [(0, trial)] for trial in (0, 2)}
+    assert ["ended a worker that hangs" in log[0], "it hangs; given up" in log[1], len(log)] == [True, True, 2]
+
+
+def test_a_call_that_hangs_is_given_up(tmp_path):
+    pool = local_pool(answer, 1, seconds=0.5)
+    with pytest.raises(Overtime):
+        pool.call(answer, config(hangs=1), [1])
+    assert pool.call(answer, config(), [1]) == [(0, 1)]
+    pool.close()
+
+
+def test_workers_that_die_while_they_start_end_the_run():
+    """Else every trial would be written down as crashed, one after the other."""
+    pool = local_pool(answer, 1, variables={"": "an environment no process can have"})
+    with pytest.raises(WorkersGone, match="3 worker processes in a row died while they started"):
+        list(pool.run(split(Cell(config()), 9, 3)))
+    pool.close(kill=True)
+
+
+def test_a_worker_killed_while_it_starts_or_has_nothing_to_do_costs_nothing():
+    pool = local_pool(answer, 1)
+    lane = pool._workers._lanes[0]
+    for wait_for_it in (False, True):
+        future = pool._workers.submit(answer, config(), [1])
+        if wait_for_it:
+            assert pool._workers.collect(future) == [(0, 1)]
+        lane.kill()
+        poll(lambda: not any(process.is_alive() for process in lane._processes))
+        if not wait_for_it:
+            with pytest.raises(WorkerDied):
+                pool._workers.collect(future)
+    assert [done.outcome for done in pool.run(split(Cell(config()), 2, 1))] == [[(0, 0)], [(0, 1)]]
+    pool.close()
+
+
 def test_stop_finishes_what_runs_and_starts_no_more(tmp_path):
     pool = local_pool(leave_marks, 2)
     trials = []
@@ -102,7 +189,7 @@ def test_stop_finishes_what_runs_and_starts_no_more(tmp_path):
     started = {int(path.name.partition("-")[2]) for path in tmp_path.glob("started-*")}
     finished = {int(path.name.partition("-")[2]) for path in tmp_path.glob("finished-*")}
     assert started == finished == set(trials)
-    assert 1 <= len(trials) <= 4  # the first, and those that began when it ended
+    assert 1 <= len(trials) < 30
 
 
 def test_a_stopped_pool_runs_nothing(tmp_path):

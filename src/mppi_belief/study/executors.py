@@ -64,18 +64,21 @@ def read(node: dict[str, Any]) -> Local | Dask | Slurm:
     except OmegaConfBaseException as error:
         key = getattr(error, "full_key", None) or next(iter(given), "")
         raise ConfigError(f"executor.{key}={given.get(key)}: {str(error).splitlines()[0]}") from error
-    if isinstance(made, Slurm):
-        _check_slurm(made)
+    _check(made)
     return made
 
 
-def _check_slurm(slurm: Slurm) -> None:
-    if not re.fullmatch(r"\d+(\.\d+)?\s*[KMGT]i?B", slurm.memory):
-        raise ConfigError(f"executor.memory={slurm.memory}: must be an amount such as 2GB")
-    if not re.fullmatch(r"(\d+-)?\d{1,2}:\d{2}:\d{2}", slurm.walltime):
-        raise ConfigError(f"executor.walltime={slurm.walltime}: must be a time such as 01:30:00")
-    if slurm.workers_per_job < 1:
-        raise ConfigError(f"executor.workers_per_job={slurm.workers_per_job}: must be at least 1")
+def _check(settings: Local | Dask | Slurm) -> None:
+    """Raise `ConfigError` for values that make no sense."""
+    if isinstance(settings, Dask) and not 0 < settings.patience < math.inf:
+        raise ConfigError(f"executor.patience={settings.patience:g}: must be above 0 and finite")
+    if isinstance(settings, Slurm):
+        if not re.fullmatch(r"\d+(\.\d+)?\s*[KMGT]i?B", settings.memory):
+            raise ConfigError(f"executor.memory={settings.memory}: must be an amount such as 2GB")
+        if not re.fullmatch(r"(\d+-)?\d{1,2}:\d{2}:\d{2}", settings.walltime):
+            raise ConfigError(f"executor.walltime={settings.walltime}: must be a time such as 01:30:00")
+        if settings.workers_per_job < 1:
+            raise ConfigError(f"executor.workers_per_job={settings.workers_per_job}: must be at least 1")
 
 
 def workers(node: dict[str, Any], count: int, setup: Setup, everything: dict[str, str]) -> Workers:
@@ -118,7 +121,7 @@ def _dask(settings: Dask, count: int) -> Any:
 
     _configure()
     if settings.address is None:
-        return Client(LocalCluster(n_workers=count, threads_per_worker=1, dashboard_address=None))
+        return Client(LocalCluster(n_workers=count, threads_per_worker=1, dashboard_address=":0"))
     try:
         return Client(settings.address, timeout=settings.patience)
     except (OSError, ValueError) as error:
@@ -142,7 +145,7 @@ def _slurm(settings: Slurm, count: int) -> Any:
         log_directory=settings.logs or os.devnull,
         job_extra_directives=list(settings.directives),
         python=sys.executable,
-        scheduler_options={"dashboard_address": None},
+        scheduler_options={"dashboard_address": ":0"},
     )
     jobs = math.ceil(count / per_job)
     cluster.adapt(minimum_jobs=jobs, maximum_jobs=jobs)  # a job that is cancelled or ends is replaced

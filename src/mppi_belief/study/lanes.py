@@ -88,6 +88,8 @@ class Lane:
 class Lanes:
     """A number of workers on this machine; `elsewhere` where they have another environment than this process."""
 
+    grain = 0.5  # s; starting a chunk and keeping its results takes some milliseconds
+
     def __init__(self, count: int, setup: Setup | None = None) -> None:
         setup = setup or Setup([], {})
         self.count, self.elsewhere = count, bool(setup.variables)

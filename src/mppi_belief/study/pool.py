@@ -5,6 +5,7 @@ are innocent and do well the second time. A trial that hangs is given up at once
 not begun is run again.
 """
 
+import math
 import threading
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator
@@ -25,14 +26,15 @@ class Workers(Protocol):
     """Whoever works, on this machine (`lanes`) or on others (`cluster`).
 
     count      how many, about                    elsewhere   whether this process tells nothing of their device
-    room()     how many chunks they would take    submit      let one of them do something
-    collect    what came of it                    discard     end the worker that a future was given to
-    withdraw   take back what none has begun      age         seconds since it certainly began
-    close      end them all
+    grain      seconds a chunk should take        room()      how many chunks they would take
+    submit     let one of them do something       collect     what came of it
+    withdraw   take back what none has begun      discard     end the worker that a future was given to
+    age        seconds since it certainly began   close       end them all
     """
 
     count: int
     elsewhere: bool
+    grain: float
 
     def room(self) -> int: ...
     def submit(self, function: Callable[..., Any], *args: Any) -> Future[Any]: ...
@@ -59,7 +61,9 @@ class Pool:
         self, work: Callable[..., Any], workers: Workers, log: Callable[[str], None], seconds: float | None = None
     ) -> None:
         self._work, self._workers, self._log, self._seconds = work, workers, log, seconds
-        self._waiting: deque[Chunk] = deque()
+        self._waiting, self._again = deque[Chunk](), deque[Chunk]()
+        self._left: Counter[str] = Counter()  # trials that wait, by cell
+        self._pace: dict[str, float] = {}  # s a trial, by cell
         self._running: dict[Future[Any], Chunk] = {}
         self._overdue: set[Future[Any]] = set()
         self._strikes: Counter[tuple[str, int]] = Counter()
@@ -78,8 +82,10 @@ class Pool:
 
         Raises `ConfigError` where the work does, `WorkersGone` if there is nobody to do it.
         """
-        self._waiting.extend(chunks)
-        while self._running or (self._waiting and not self._stopping.is_set()):
+        for chunk in chunks:
+            self._waiting.append(chunk)
+            self._left[chunk.cell.id] += len(chunk.trials)
+        while self._running or ((self._waiting or self._again) and not self._stopping.is_set()):
             if self._stopping.is_set():
                 for future in self._workers.withdraw([*self._running]):
                     del self._running[future]
@@ -115,10 +121,21 @@ class Pool:
         return settled, trouble
 
     def _fill(self) -> None:
-        while self._waiting and not self._stopping.is_set() and self._workers.room() > 0:
-            chunk = self._waiting.popleft()
+        while (self._waiting or self._again) and not self._stopping.is_set() and self._workers.room() > 0:
+            chunk = self._again.popleft() if self._again else self._next()
             future = self._workers.submit(run_chunk, self._work, chunk.cell.config, chunk.trials, self._seconds)
             self._running[future] = chunk
+
+    def _next(self) -> Chunk:
+        """The next chunk, with those after it if they are short; at the end everybody shall have one."""
+        chunk = self._waiting.popleft()
+        trials, cell = [*chunk.trials], chunk.cell
+        pace = self._pace.get(cell.id, math.inf)
+        most = min(self._workers.grain / max(pace, 1e-9), self._left[cell.id] / (2 * self._workers.count))
+        while self._waiting and (after := self._waiting[0]).cell is cell and len(trials) + len(after.trials) <= most:
+            trials += self._waiting.popleft().trials
+        self._left[cell.id] -= len(trials)
+        return chunk._replace(trials=tuple(trials))
 
     def _settle(self, future: Future[Any]) -> Iterator[Done]:
         """The trials of a chunk that has ended; those that have no result yet wait again."""
@@ -134,13 +151,15 @@ class Pool:
         except Exception as error:
             yield Done(*chunk, Lost("error", f"{type(error).__name__}: {error}"), {})
             return
+        pace = report.seconds / max(sum(len(trials) for trials, _ in report.done), 1)
+        self._pace[chunk.cell.id] = min(pace, self._pace.get(chunk.cell.id, math.inf))  # the first compiles
         for trials, outcome in report.done:
             yield Done(chunk.cell, trials, outcome, report.where)
             if isinstance(outcome, Lost) and outcome.status == "timeout":
                 self._log(f"{_name(chunk.cell, trials)}: {outcome.error}; given up")
                 self._workers.discard(future)
         if report.unfinished:
-            self._waiting.appendleft(chunk._replace(trials=report.unfinished))
+            self._again.append(chunk._replace(trials=report.unfinished))
         if report.mistake is not None:  # no trial's own fault: nothing of this chunk may count as done
             raise ConfigError(report.mistake)
 
@@ -151,7 +170,7 @@ class Pool:
             self._log(f"{name}: {'ended a worker that hangs' if overdue else 'a worker died'}; running them again")
             middle = len(chunk.trials) // 2
             parts = chunk.trials[middle:], chunk.trials[:middle]
-            self._waiting.extendleft(chunk._replace(trials=part) for part in parts)
+            self._again.extendleft(chunk._replace(trials=part) for part in parts)
             return
         accused = (chunk.cell.id, chunk.trials[0])
         self._strikes[accused] += 1
@@ -160,7 +179,7 @@ class Pool:
             yield Done(*chunk, Lost("timeout", f"not done after {self._seconds:g} s"), {})
         elif self._strikes[accused] < STRIKES:
             self._log(f"{name}: its worker died; running it again")
-            self._waiting.appendleft(chunk)
+            self._again.appendleft(chunk)
         else:
             self._log(f"{name}: it killed its worker {STRIKES} times; given up")
             yield Done(*chunk, Lost("crashed", f"the worker process died {STRIKES} times in this trial"), {})

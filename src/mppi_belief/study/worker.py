@@ -40,12 +40,14 @@ class Report(NamedTuple):
 
     done        batches of trials, each with what it gave or `Lost`
     where       host and processor
+    seconds     that it took
     unfinished  trials that were not begun, since one before them hangs; its thread still runs in the worker
     mistake     what is wrong with the person's input or with the machine, which is no trial's own fault
     """
 
     done: list[tuple[tuple[int, ...], Any]]
     where: dict[str, str]
+    seconds: float
     unfinished: tuple[int, ...] = ()
     mistake: str | None = None
 
@@ -78,20 +80,21 @@ def ready() -> None:
 
 def run_chunk(work: Callable[..., Any], config: dict[str, Any], trials: Sequence[int], seconds: float | None) -> Report:
     """Do `work(config, batch)` for every batch of trials, each within so many seconds (None: however long it takes)."""
-    together = [*batches(trials, config["batch"])]
+    together, began = [*batches(trials, config["batch"])], time.monotonic()
     done: list[tuple[tuple[int, ...], Any]] = []
     for at, batch in enumerate(together):
         try:
             outcome = within(seconds, work, config, batch)
         except ConfigError as error:
-            return Report(done, where(), mistake=str(error))
+            return Report(done, where(), time.monotonic() - began, mistake=str(error))
         except Overtime as late:
+            done.append((batch, Lost("timeout", str(late))))
             left = tuple(trial for later in together[at + 1 :] for trial in later)
-            return Report([*done, (batch, Lost("timeout", str(late)))], where(), left)
+            return Report(done, where(), time.monotonic() - began, left)
         except Exception as error:
             outcome = Lost("error", f"{type(error).__name__}: {error}")
         done.append((batch, outcome))
-    return Report(done, where())
+    return Report(done, where(), time.monotonic() - began)
 
 
 class Overtime(Exception):
