@@ -95,8 +95,8 @@ SlurmctldLogFile=$STATE/slurmctld.log
 SlurmdLogFile=$STATE/slurmd.log
 MailProg=/bin/true
 
-# a container: no cgroups, no binding to CPUs, and more of them than the machine may have
-ProctrackType=proctrack/linuxproc
+# a container: no cgroups (pgid also finds a process whose parent has died), no binding to CPUs, more of them than exist
+ProctrackType=proctrack/pgid
 TaskPlugin=task/none
 SlurmdParameters=config_overrides
 JobAcctGatherType=jobacct_gather/none
