@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import pytest
 
-from mppi_belief import cli, composing
+from mppi_belief import cli, composing, targets
 
 COMMAND = str(Path(sys.executable).with_name("mppi-belief"))
 CONF = composing.conf_dir()
@@ -34,10 +34,11 @@ class Said(NamedTuple):
 def restored() -> Iterator[None]:
     """Undo what a command does to its own process."""
     argv, path, environment, folder = list(sys.argv), list(sys.path), dict(os.environ), Path.cwd()
+    allowed = list(targets._FOLDERS)
     try:
         yield
     finally:
-        sys.argv, sys.path[:] = argv, path
+        sys.argv, sys.path[:], targets._FOLDERS[:] = argv, path, allowed
         os.chdir(folder)
         os.environ.clear()
         os.environ.update(environment)

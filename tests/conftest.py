@@ -1,6 +1,7 @@
 """Fixtures shared by all tests."""
 
 from collections.abc import Iterator
+from pathlib import Path
 
 import jax
 import numpy as np
@@ -8,6 +9,13 @@ import pytest
 
 import mppi_belief as mb
 from helpers import Scalar, float64, light_dark_problem, quick_jit
+from mppi_belief import targets
+
+
+@pytest.fixture(autouse=True, scope="session")
+def own_parts() -> None:
+    """Configurations may name the classes of the tests' own modules."""
+    targets.allow([Path(__file__).parent])
 
 
 @pytest.fixture

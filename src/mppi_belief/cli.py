@@ -99,9 +99,10 @@ def run(args: Sequence[str]) -> int:
     from .study.runner import run_study
     from .study.task import Order, Task
     from .study.worker import Setup
+    from .targets import allow
 
     import_paths = [str(Path(folder).resolve()) for folder in parse(args)[2]]
-    sys.path[:0] = import_paths
+    allow(import_paths)
     cells = {cell.id: cell for cell in map(Cell, configs)}
     root, n_trials = Path(first["results_dir"]), first["n_trials"]
     shard = WHOLE if first["shard"] is None else Shard.parse(first["shard"])
@@ -211,11 +212,12 @@ def _what_holds(config: dict[str, Any], overrides: Sequence[str], folders: Seque
     from .study.certificates import Stored, store
     from .study.files import probe
     from .study.provenance import provenance
+    from .targets import allow
     from .verify.own_system import what_holds
 
     folder = Path(config["verify_dir"]) / "systems"
     probe(folder)
-    sys.path[:0] = [str(Path(place).resolve()) for place in folders]
+    allow(folders)
     check(config)
     began = time.perf_counter()
     chosen = {group: config["names"][group] for group in ("system", "controller")}

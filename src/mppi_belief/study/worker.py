@@ -9,7 +9,6 @@ import os
 import platform
 import signal
 import socket
-import sys
 import threading
 import time
 from collections.abc import Callable, Sequence
@@ -17,6 +16,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ..settings import ConfigError, batches
+from ..targets import allow
 from .signals import STOPPING
 
 
@@ -55,7 +55,7 @@ class Report(NamedTuple):
 def enter(setup: Setup) -> None:
     """Take over what a worker is given."""
     os.environ.update(setup.variables)
-    sys.path[:0] = setup.import_paths
+    allow(setup.import_paths)
 
 
 def start_worker(setup: Setup) -> None:
