@@ -189,6 +189,7 @@ def test_one_call_leaves_nothing_behind_for_the_next(mppi_belief_command):
 def test_a_users_yaml_is_found_by_config_dir_from_anywhere(tmp_path):
     (tmp_path / "controller").mkdir()
     (tmp_path / "controller" / "mine.yaml").write_text("_target_: mine.Mine\ngain: ${theta}\n")
+    (tmp_path / "mine.py").write_text("")
     for args in ([f"--config-dir={tmp_path}"], ["--config-dir", str(tmp_path)], ["-cd", str(tmp_path)]):
         (config,) = collect(*args, "controller=mine", "theta=3")
         assert config["controller"] == {"_target_": "mine.Mine", "gain": 3.0}

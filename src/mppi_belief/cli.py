@@ -14,7 +14,7 @@ from typing import Any
 
 from . import __version__, usage
 from .composing import RUNTIME_KEYS, collect, compose, parse
-from .settings import ConfigError, unknown_key
+from .settings import ConfigError, plain_line, unknown_key
 from .study.signals import STOPPING, held
 
 NOT_HELD, INPUT_ERROR, SOME_FAILED, CANNOT_WRITE, NOBODY_WORKS, CUT_OFF = 1, 2, 3, 74, 75, 141
@@ -77,7 +77,7 @@ def _stoppable(command: Callable[[], int]) -> int:
 
 
 def _complain(line: str, code: int) -> int:
-    print(f"mppi-belief: {line}", file=sys.stderr)
+    print(f"mppi-belief: {plain_line(line)}", file=sys.stderr)
     return code
 
 

@@ -1,6 +1,7 @@
 """A person's mistake in one line: what Hydra and OmegaConf raise, said plainly."""
 
 import re
+from collections.abc import Iterator
 from dataclasses import fields
 from difflib import get_close_matches
 from pathlib import Path
@@ -8,12 +9,16 @@ from typing import Any
 
 from omegaconf import OmegaConf
 
-from .settings import Settings, unknown_key
+from .settings import ConfigError, Settings, unknown_key
 
 
 def one_line(error: BaseException, conf: Path) -> str:
     """What is wrong, in one line; `conf` is the folder with the config groups."""
-    text = _whole_text(error)
+    chain = list(_causes(error))
+    told = [str(cause) for cause in chain if isinstance(cause, ConfigError)]
+    if told:
+        return told[0]
+    text = "\n".join(map(str, chain))  # the messages of all, outermost first
     for pattern, say in _RULES:
         found = re.search(pattern, text, re.DOTALL)
         if found:
@@ -21,14 +26,11 @@ def one_line(error: BaseException, conf: Path) -> str:
     return next((line.strip() for line in text.splitlines() if line.strip()), type(error).__name__)
 
 
-def _whole_text(error: BaseException) -> str:
-    """The messages of an exception and of its causes, outermost first."""
-    texts: list[str] = []
-    at: BaseException | None = error
-    while at is not None:
-        texts.append(str(at))
-        at = at.__cause__ or at.__context__
-    return "\n".join(texts)
+def _causes(error: BaseException | None) -> Iterator[BaseException]:
+    """An exception and what it comes from."""
+    while error is not None:
+        yield error
+        error = error.__cause__ or error.__context__
 
 
 def _unknown_key(found: re.Match[str], conf: Path) -> str:

@@ -8,6 +8,7 @@ import contextlib
 import io
 import json
 import os
+import re
 import sys
 import tempfile
 from collections.abc import Callable, Sequence
@@ -17,8 +18,11 @@ from typing import Any
 from omegaconf import OmegaConf
 
 from .complaints import one_line
-from .settings import ConfigError, Settings, batch_size
+from .jobs import jobs
+from .settings import ConfigError, Settings, batch_size, unknown_key
 from .settings import check as check_settings
+from .targets import fingerprints
+from .yaml_files import read_yaml
 
 # they do not change what a trial is
 RUNTIME_KEYS = (
@@ -26,6 +30,11 @@ RUNTIME_KEYS = (
     *("executor", "shard", "trial_timeout"),
 )
 NAMED_GROUPS = ("system", "cost", "filter", "controller")
+FOLDER = ("--config-dir", "-cd")
+PRINTING = ("--help", "-h", "--cfg", "-c", "--info", "-i", "--shell-completion", "-sc")
+VALUED = (*FOLDER, "--cfg", "-c", "--info", "-i", "--package", "-p")
+FLAGS = ("--help", "-h", "--multirun", "-m", "--resolve", "--shell-completion", "-sc")
+LONGEST_WORD = 10_000  # characters of an argument
 
 
 def conf_dir() -> Path:
@@ -37,48 +46,70 @@ def conf_dir() -> Path:
 
 
 def compose(args: Sequence[str], job: Callable[[Any], None]) -> None:
-    """Let Hydra compose the configuration of each job and call `job` with it; raises `ConfigError`."""
+    """Compose the configuration of each job and call `job` with it, or let Hydra print what a flag asks for; raises
+    `ConfigError`."""
     import hydra
     from hydra.core.config_store import ConfigStore
 
     ConfigStore.instance().store(name="schema", node=Settings)
     os.environ["HYDRA_FULL_ERROR"] = "1"  # exceptions come to us, not to Hydra's own printer
-    flags, overrides, _ = parse(args)
+    flags, overrides, folders = parse(args)
+    _check_words(overrides)
     sys.argv = ["mppi-belief", *flags, *overrides]  # the only order that argparse takes
     said = io.StringIO()
+    prints = any(flag.partition("=")[0] in PRINTING for flag in flags)
     with tempfile.TemporaryDirectory(prefix="mppi-belief-") as scratch:
-        os.environ["MPPI_BELIEF_SCRATCH"] = scratch  # Hydra writes multirun.yaml somewhere
+        os.environ["MPPI_BELIEF_SCRATCH"] = scratch  # what Hydra would take for the folder of a run
         try:
             with contextlib.redirect_stderr(said):
-                hydra.main(version_base="1.3", config_path=str(conf_dir()), config_name="config")(job)()
+                if folders or not prints:  # what somebody else's yaml says is looked at before Hydra acts on it
+                    multirun = any(flag in ("-m", "--multirun") for flag in flags)
+                    for composed in jobs(conf_dir(), folders, overrides, multirun):
+                        if not prints:
+                            job(OmegaConf.masked_copy(composed, [key for key in composed if key != "hydra"]))
+                if prints:
+                    hydra.main(version_base="1.3", config_path=str(conf_dir()), config_name="config")(job)()
         except SystemExit as stop:
             if stop.code not in (None, 0):
-                raise ConfigError(said.getvalue().strip().splitlines()[-1].partition("error: ")[2]) from None
+                last = (said.getvalue().strip().splitlines() or ["cannot be understood"])[-1]
+                raise ConfigError(last.partition("error: ")[2] or last) from None
         except Exception as error:
             raise ConfigError(one_line(error, conf_dir())) from error
 
 
 def parse(args: Sequence[str]) -> tuple[list[str], list[str], list[str]]:
-    """The flags that come with a value or may stand anywhere; all other words; the folders of --config-dir, where
-    modules beside a user's yaml can be named."""
+    """The flags with their values, which may stand anywhere; all other words; the folders of --config-dir, where
+    modules beside a user's yaml can be named. Raises `ConfigError` for a flag that is not ours."""
     flags, words, folders, left = [], [], [], list(args)
     while left:
         arg = left.pop(0)
-        if arg in ("--config-dir", "-cd") and left:
-            folders.append(left.pop(0))
-            flags += [arg, folders[-1]]
-        elif arg.startswith("--config-dir="):
-            folders.append(arg.partition("=")[2])
-            flags.append(arg)
-        elif arg in ("-m", "--multirun"):
-            flags.append(arg)
-        elif arg in ("--cfg", "-c", "--info", "-i", "--package", "-p") and left and "=" not in left[0]:
-            flags += [arg, left.pop(0)]
-        elif arg.startswith("-"):
-            flags.append(arg)
-        else:
+        name, equals, value = arg.partition("=")
+        if not arg.startswith("-"):
             words.append(arg)
+            continue
+        if name not in (*FLAGS, *VALUED):
+            raise ConfigError(unknown_key(name, (*FLAGS, *VALUED), what="option"))
+        flags.append(arg)
+        if name in VALUED and not equals and left and (name in FOLDER or "=" not in left[0]):
+            value = left.pop(0)
+            flags.append(value)
+        if name in FOLDER:
+            folders.append(value)
     return flags, words, folders
+
+
+def _check_words(words: Sequence[str]) -> None:
+    """Raise `ConfigError` for words that no setting is made of, before they are parsed."""
+    for word in words:
+        if len(word) > LONGEST_WORD:
+            raise ConfigError(f"{word[:40]}...: longer than {LONGEST_WORD} characters")
+        if not word.isprintable():  # control characters, bytes that are not UTF-8
+            raise ConfigError(f"{word}: must be printable text")
+        key = word.lstrip("+~").partition("=")[0]
+        for part in re.split(r"[@:]", key):
+            named = re.split(r"[./\s]", part.strip())[0]
+            if named == "hydra" and key != "hydra.mode" and not key.startswith("hydra.sweeper.params"):
+                raise ConfigError(f"{key} cannot be set; only hydra.mode and hydra.sweeper.params are heeded")
 
 
 def grids(args: Sequence[str]) -> list[list[str]]:
@@ -102,7 +133,7 @@ def grids(args: Sequence[str]) -> list[list[str]]:
 
 def swept(grid: Path) -> set[str]:
     """The keys that a grid's file sweeps."""
-    return set(OmegaConf.select(OmegaConf.load(grid), "hydra.sweeper.params") or ())
+    return set(OmegaConf.select(read_yaml(grid)[1], "hydra.sweeper.params") or ())
 
 
 def collect(args: Sequence[str]) -> list[dict[str, Any]]:
@@ -117,7 +148,7 @@ def collect(args: Sequence[str]) -> list[dict[str, Any]]:
         config: Any = OmegaConf.to_container(composed, resolve=True)
         config["batch"] = batch_size(config)
         settings = HydraConfig.get()
-        names = {group: settings.runtime.choices[group] for group in NAMED_GROUPS}
+        names = _chosen(settings.runtime.choices)
         keys = [override.lstrip("+~").partition("=")[0] for override in settings.overrides.task]
         swept = [key for key in keys if key.split(".")[0] not in (*RUNTIME_KEYS, "sweep", "experiment")]
         configs.append(config)
@@ -137,7 +168,20 @@ def collect(args: Sequence[str]) -> list[dict[str, Any]]:
             raise ConfigError(f"{key} cannot be swept: it does not change what a trial is")
     if any(config["platform"] != configs[0]["platform"] for config in configs):
         raise ConfigError("platform cannot be swept: a study is run on one device")
-    return [config | label for config, label in zip(configs, labels, strict=True)]
+    folders = parse(args)[2]
+    codes = [{"code": fingerprints(config, folders)} for config in configs]
+    return [config | label | code for config, label, code in zip(configs, labels, codes, strict=True)]
+
+
+def _chosen(choices: Any) -> dict[str, str]:
+    """The option of each group that names a cell; raises `ConfigError` for one that is not a file of its group."""
+    for group, option in choices.items():
+        if option is not None and not re.fullmatch(r"\w[\w.-]*", str(option)) and not group.startswith("hydra"):
+            raise ConfigError(f"{group}={option}: an option is one word")
+    for group in NAMED_GROUPS:
+        if choices.get(group) is None:
+            raise ConfigError(f"{group}: one must be chosen")
+    return {group: str(choices[group]) for group in NAMED_GROUPS}
 
 
 def _scalar(config: dict[str, Any], key: str) -> Any:

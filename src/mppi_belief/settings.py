@@ -15,8 +15,21 @@ from omegaconf import MISSING
 DEFAULT_BATCH = {"cpu": 1, "gpu": 200}  # a GPU takes the 200 trials of Sec. VII at once
 
 
+MOST = 10**300  # of a whole number; more is no float
+LONGEST_LINE = 600  # characters that are still read
+
+
 class ConfigError(Exception):
     """A person's input is wrong; the message is one line that says what and where."""
+
+    def __init__(self, message: str) -> None:
+        super().__init__(plain_line(message))
+
+
+def plain_line(text: str) -> str:
+    """The text as one line that any terminal can print: what is not printable is escaped, what is endless is cut."""
+    shown = "".join(sign if sign.isprintable() else sign.encode("unicode_escape").decode() for sign in text)
+    return shown if len(shown) <= LONGEST_LINE else f"{shown[: LONGEST_LINE - 4]} ..."
 
 
 def _ranged(low: float, high: float = math.inf) -> Any:
@@ -112,17 +125,33 @@ def check(config: dict[str, Any]) -> None:
             bound = f"at least {low}" if value < low else f"at most {high}"
             raise ConfigError(f"{setting.name}={value:g}: must be {bound}")
     for name in ("results_dir", "report_dir", "verify_dir"):
-        if not config[name].strip():
+        if not config[name].strip() or "\0" in config[name]:
             raise ConfigError(f"{name}: must name a folder")
-    _check_finite(config, "")
+    _check_values(config, "")
 
 
-def _check_finite(node: Any, path: str) -> None:
+def _check_values(node: Any, path: str) -> None:
+    """Everything is a word, true or false, null, or a finite number; a yaml can also have bytes, dates and paths."""
     if isinstance(node, dict):
         for key, value in node.items():
-            _check_finite(value, f"{path}.{key}" if path else str(key))
+            if not isinstance(key, str):
+                raise ConfigError(f"{path}: a key must be a word, got {key!r}")
+            _check_values(value, f"{path}.{key}" if path else key)
     elif isinstance(node, list):
         for value in node:
-            _check_finite(value, path)
+            _check_values(value, path)
+    elif isinstance(node, int) and abs(node) > MOST:
+        raise ConfigError(f"{path}: must be at most {MOST:g}")
     elif isinstance(node, float) and not math.isfinite(node):
         raise ConfigError(f"{path}={node}: must be finite")
+    elif not isinstance(node, bool | int | float | str | None):
+        raise ConfigError(f"{path}={node!r}: must be a number, a word, a list or a mapping")
+
+
+def canonical(node: Any) -> Any:
+    """A configuration as it is compared: a float that is a whole number is that number, so that 0.0 is 0."""
+    if isinstance(node, dict):
+        return {key: canonical(value) for key, value in node.items()}
+    if isinstance(node, list):
+        return [canonical(value) for value in node]
+    return int(node) if isinstance(node, float) and node.is_integer() else node

@@ -46,7 +46,11 @@ def fingerprints(config: dict[str, Any], folders: Sequence[str | Path]) -> dict[
     for path, name in _targets(config, ""):
         top = _parts(name, path)[0].partition(".")[0]
         if top != PACKAGE and top not in found:
-            found[top] = _fingerprint(_find(top, places, f"{path}._target_={name}"))
+            what = f"{path}._target_={name}"
+            try:
+                found[top] = _fingerprint(_find(top, places, what))
+            except OSError as error:
+                raise ConfigError(f"{what}: {error.filename}: {error.strerror}") from error
     return dict(sorted(found.items()))
 
 
