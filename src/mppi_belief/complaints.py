@@ -18,6 +18,8 @@ def one_line(error: BaseException, conf: Path) -> str:
     told = [str(cause) for cause in chain if isinstance(cause, ConfigError)]
     if told:
         return told[0]
+    if any(isinstance(cause, RecursionError) for cause in chain):
+        return "nested too deeply, or something that contains itself"
     text = "\n".join(map(str, chain))  # the messages of all, outermost first
     for pattern, say in _RULES:
         found = re.search(pattern, text, re.DOTALL)
@@ -78,6 +80,10 @@ def _bad_value(found: re.Match[str], conf: Path) -> str:
     return f"{found['key']}={found['value']}: must be {wanted.get(found['type'], found['type'])}"
 
 
+def _inside(found: re.Match[str], conf: Path) -> str:
+    return f"{found['file']}.yaml: {found['why'].strip()}"
+
+
 _RULES = [
     (
         r"Could not find '(?P<choice>[^']+)'\s+Available options in '[^']+':\s+(?P<options>[^\n]+(?:\n\t[^\n]+)*)",
@@ -88,4 +94,5 @@ _RULES = [
     (r"Key '[^']+' (?:is not in struct|not in '[^']+')\s+full_key: (?P<key>\S+)", _unknown_key),
     (r"Could not override '(?P<key>[^'=@]+)(?:@[^']*)?'\.?\s*(?:No match in|Did you mean)", _unknown_key),
     (r"Value '(?P<value>[^']*)'.*?could not be converted to (?P<type>\w+)\s+full_key: (?P<key>\S+)", _bad_value),
+    (r"In '(?P<file>[^']+)': \w+ raised while composing config:\s+(?P<why>[^\n]+)", _inside),
 ]

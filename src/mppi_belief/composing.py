@@ -58,6 +58,8 @@ def compose(args: Sequence[str], job: Callable[[Any], None]) -> None:
     sys.argv = ["mppi-belief", *flags, *overrides]  # the only order that argparse takes
     said = io.StringIO()
     prints = any(flag.partition("=")[0] in PRINTING for flag in flags)
+    if not prints and any(flag.partition("=")[0] in ("--package", "-p", "--resolve") for flag in flags):
+        raise ConfigError("--package and --resolve go with --cfg")
     with tempfile.TemporaryDirectory(prefix="mppi-belief-") as scratch:
         os.environ["MPPI_BELIEF_SCRATCH"] = scratch  # what Hydra would take for the folder of a run
         try:

@@ -33,14 +33,15 @@ def jobs(conf: Path, folders: Sequence[str], words: Sequence[str], multirun: boo
 
     setbase("1.3")
     _teach_hydra()
+    before = HydraConfig.instance().cfg
+    usual = _usual(conf) if folders else None
     path = create_config_search_path(str(conf))
     for folder in map(Path, folders):
         if not folder.is_dir():
             raise ConfigError(f"--config-dir {folder}: no such folder")
         path.prepend("command-line", f"checked://{folder.resolve()}", _schema())
-    before = HydraConfig.instance().cfg
     try:
-        for config in _composed(_loader(path), list(words), multirun, checked=bool(folders)):
+        for config in _composed(_loader(path), list(words), multirun, usual):
             HydraConfig.instance().set_config(config)
             yield config
     finally:
@@ -80,11 +81,10 @@ def _loader(path: Any) -> Any:
     return Hydra.create_main_hydra2("mppi-belief", path).config_loader
 
 
-def _composed(loader: Any, words: list[str], multirun: bool, checked: bool) -> Iterator[Any]:
+def _composed(loader: Any, words: list[str], multirun: bool, usual: dict[str, Any] | None) -> Iterator[Any]:
     """The configuration of the one job, or of each of a sweep."""
     from hydra.types import RunMode
 
-    usual = _settings(loader.load_configuration("config", [], RunMode.RUN)) if checked else None
     if not (multirun or _sweeps(loader, words)):
         config = loader.load_configuration("config", words, RunMode.RUN)
         _refuse_others(config, usual)
@@ -138,6 +138,15 @@ def _is_long(sweep: Any) -> bool:
     if not hasattr(sweep, "step"):
         return False
     return not sweep.step or not (sweep.stop - sweep.start) / sweep.step <= MOST_JOBS
+
+
+@functools.cache
+def _usual(conf: Path) -> dict[str, Any]:
+    """What `conf` sets of Hydra itself."""
+    from hydra._internal.utils import create_config_search_path
+    from hydra.types import RunMode
+
+    return _settings(_loader(create_config_search_path(str(conf))).load_configuration("config", [], RunMode.RUN))
 
 
 def _settings(config: Any) -> dict[str, Any]:
