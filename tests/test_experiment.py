@@ -13,6 +13,7 @@ from cli_helpers import PLANNER, SMALL, compose
 from experiment_helpers import compiled_quickly
 from mppi_belief.experiment import KEPT_PATHS, build, check, failed_row, run_trials, time_steps, trials
 from mppi_belief.settings import ConfigError
+from user_parts import SPOILABLE
 
 COLUMNS = [
     "trial",
@@ -127,15 +128,80 @@ def test_parts_that_fit_pass_the_check():
         ("H", r"system\.H has shape \(2, 2, 1\), must be \(2, \d\)"),
         ("c", r"system\.c has shape \(1, 1\), must be \(1,\)"),
         ("sigma_o", r"system\.sigma_o has shape \(1, 1, 1\), must be \(1, 1\)"),
+        ("position", r"system\.position has shape \(1, 1\), must be \(1,\)"),
         ("clearance", r"system\.clearance has shape \(1,\), must be \(\)"),
-        ("c_raises", r"system\.c fails for a state of shape \(2,\): c is not feeling well"),
-        ("H_raises", r"system\.H fails for a state of shape \(2,\): H is not feeling well"),
+        ("c raises", r"system\.c fails for a state of shape \(2,\): c is not feeling well"),
+        ("H raises", r"system\.H fails for a state of shape \(2,\): H is not feeling well"),
+        ("f branches", r"system\.f fails for a state of shape \(2,\): it needs the values of its state"),
+        ("c numpy", r"system\.c fails for a state of shape \(2,\): it needs the values of its state"),
+        ("f integer", r"system\.f returns int32, must return floating-point"),
+        ("clearance bool", r"system\.clearance returns bool, must return floating-point"),
+        ("G complex", r"system\.G returns complex64, must return floating-point"),
+        ("c list", r"system\.c returns a list, must return one array"),
+        ("f none", r"system\.f returns a NoneType, must return one array"),
+        ("position word", r"system\.position fails for a state of shape \(2,\): .*str"),
+        ("position empty", r"system\.position is empty"),
+        *(
+            (f"{name} nan", rf"system\.{name}\b.* is not finite at the state \[1\.0, 1\.0\]: .*nan")
+            for name in SPOILABLE
+        ),
+        ("sigma_o inf", r"system\.sigma_o is not finite at the state"),
+        ("clearance -inf", r"system\.clearance is not finite at the state \[1\.0, 1\.0\]: -inf"),
+        ("sigma_o zero", r"system\.sigma_o is singular at the state \[1\.0, 1\.0\]: \[\[0\.0\]\]"),
     ],
 )
-def test_a_function_of_the_wrong_shape_is_named_with_its_shape(wrong, reason):
+def test_a_function_that_returns_what_it_should_not_is_named(wrong, reason):
+    name, _, how = wrong.partition(" ")
     with pytest.raises(ConfigError, match=f"^{reason}") as caught:
-        check(users(system={"wrong": wrong}))
+        check(users(system={"wrong": name, "how": how or "shape"}))
     assert len(str(caught.value).splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("wrong", "reason"),
+    [
+        ("R negative", r"cost\.R=\[\[-1\.0\]\]: must be positive definite"),
+        ("R zero", r"cost\.R=\[\[0\.0\]\]: must be positive definite"),
+        ("goal integer", r"cost\.goal returns int32"),
+        ("base shape", r"cost\.base has shape \(1,\), must be \(\)"),
+        ("base inf", r"cost\.base is not finite"),
+        ("penalty nan", r"cost\.penalty is not finite"),
+        ("terminal nan", r"cost\.terminal is not finite"),
+    ],
+)
+def test_a_cost_that_returns_what_it_should_not_is_named(wrong, reason):
+    name, _, how = wrong.partition(" ")
+    with pytest.raises(ConfigError, match=f"^{reason}"):
+        check(users() | {"cost": {"_target_": "user_parts.Price", "wrong": name, "how": how}})
+
+
+def test_what_a_system_may_do_without_is_allowed():
+    check(users(system={"wrong": "H", "how": "zero"}))  # no process noise
+    check(users(system={"wrong": "clearance", "how": "inf"}))  # no obstacles
+    check(users() | {"cost": {"_target_": "user_parts.Price"}})
+    config = users()
+    check(config | {"problem": config["problem"] | {"prior_std": [0, 0]}})
+
+
+def test_a_system_without_a_function_or_a_convention_is_refused():
+    with pytest.raises(ConfigError, match=r"^system\.c is missing: Mute must have it"):
+        check(users() | {"system": {"_target_": "user_parts.Mute"}})
+    with pytest.raises(ConfigError, match=r"^system\.noise_convention='neither': must be one of sample, intensity"):
+        check(users(system={"noise_convention": "neither"}))
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        ("theta=1e39", r"controller\.theta=1e\+39: too large for float32"),
+        ("system.light=-1e39", r"system\.light=-1e\+39: too large for float32"),
+        ("problem.dt=1e-50", r"problem\.dt=1e-50: too small for float32"),
+    ],
+)
+def test_numbers_are_those_of_the_precision(change, reason):
+    with pytest.raises(ConfigError, match=f"^{reason}"):
+        check(compose(change, *PLANNER))
+    check(compose("theta=1e39", "precision=float64", *PLANNER))
 
 
 @pytest.mark.parametrize(

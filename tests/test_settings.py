@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from mppi_belief.settings import ConfigError, batch_size, batches, check, unknown_key
+from mppi_belief.settings import ConfigError, batch_size, batches, canonical, check, plain_line, unknown_key
 
 
 def settings(**changes: Any) -> dict[str, Any]:
@@ -120,3 +120,23 @@ def test_a_trial_is_in_the_same_batch_whichever_are_missing():
     assert list(batches([1, 5, 6, 11], 3)) == [(1,), (5,), (6,), (11,)]
     assert list(batches([4, 9], 1)) == [(4,), (9,)]
     assert list(batches([], 3)) == []
+
+
+def test_a_whole_number_is_the_same_however_it_is_written():
+    given = {"a": 0.0, "b": [1.0, 2.5, {"c": -3.0}], "d": True, "e": "1.0", "f": None, "g": 2, "h": 1e300}
+    made = canonical(given)
+    assert repr(made) == repr(
+        {"a": 0, "b": [1, 2.5, {"c": -3}], "d": True, "e": "1.0", "f": None, "g": 2, "h": int(1e300)}
+    )
+    assert given["a"].__class__ is float
+
+
+@pytest.mark.parametrize("value", [b"x", {1: 2}, {"a": {None: 1}}, object(), 10**400, [{2.5: 1}]])
+def test_values_that_are_no_configuration_are_refused(value):
+    with pytest.raises(ConfigError, match=r"^system"):
+        check(settings(system={"a": value} if not isinstance(value, dict) else value))
+
+
+def test_a_complaint_is_one_line_that_a_terminal_can_print():
+    assert plain_line("a\nb\x1b[0m\udcff σ") == r"a\nb\x1b[0m\udcff σ"
+    assert len(str(ConfigError("x" * 10_000))) == 600

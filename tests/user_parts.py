@@ -1,9 +1,11 @@
 """Parts as a user might write them: some wrong, some unlucky. Named in configurations by `_target_`."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 
 import mppi_belief as mb
@@ -11,6 +13,7 @@ from helpers import Info
 from mppi_belief.pytree import choice, number, struct
 
 CALLS: list[str] = []
+SPOILABLE = ("f", "G", "H", "c", "sigma_o", "position", "clearance")
 
 
 def launch(*args: Any, **settings: Any) -> None:
@@ -36,18 +39,40 @@ class PlainDataclass:
         CALLS.append("PlainDataclass")
 
 
+SPOILS: dict[str, Callable[[Array], Any]] = {
+    "shape": lambda value: value[..., None],
+    "nan": lambda value: value * jnp.nan,
+    "inf": lambda value: value + jnp.inf,
+    "-inf": lambda value: value - jnp.inf,
+    "zero": lambda value: 0 * value,
+    "negative": lambda value: -value,
+    "integer": lambda value: jnp.round(value).astype(int),
+    "bool": lambda value: value > 0,
+    "complex": lambda value: value + 0j,
+    "list": lambda value: [value],
+    "none": lambda value: None,
+    "word": lambda value: "word",
+    "empty": lambda value: value[:0],
+    "branches": lambda value: value if jnp.sum(value) > 0 else -value,
+    "numpy": lambda value: np.abs(np.asarray(value)),
+}
+
+
 @struct
 class Drifting:
-    """Two states, one control: x' = growth x^3 + (0, u), each function wrong if `wrong` names it."""
+    """Two states, one control: x' = growth x^3 + (0, u); what `wrong` names is spoilt in the way of `how`."""
 
     growth: float = number(0.0)
-    wrong: str = choice("nothing", "f", "G", "H", "c", "sigma_o", "clearance", "c_raises", "H_raises")
-    noise_convention: str = choice("sample", "intensity")
+    wrong: str = choice("nothing", *SPOILABLE)
+    how: str = choice("shape", "raises", *SPOILS)
+    noise_convention: str = choice("sample", "intensity", "neither")
 
-    def _right(self, name: str, value: Array) -> Array:
-        if self.wrong == f"{name}_raises":
+    def _right(self, name: str, value: Array) -> Any:
+        if self.wrong != name:
+            return value
+        if self.how == "raises":
             raise RuntimeError(f"{name} is not feeling well\nat all")
-        return value[..., None] if self.wrong == name else value
+        return SPOILS[self.how](value)
 
     @property
     def H(self) -> Array:
@@ -66,10 +91,46 @@ class Drifting:
         return self._right("sigma_o", jnp.full((1, 1), 0.2))
 
     def position(self, x: Array) -> Array:
-        return x[:1]
+        return self._right("position", x[:1])
 
     def clearance(self, x: Array) -> Array:
-        return self._right("clearance", jnp.asarray(jnp.inf))
+        return self._right("clearance", x[0] * 0 + 1)
+
+
+@struct
+class Mute:
+    """A system that cannot be heard: it has no `c`."""
+
+    noise_convention: str = choice("sample")
+    H = f = G = sigma_o = position = clearance = lambda self, x: x
+
+
+@struct
+class Price:
+    """A cost of two states, one control and nothing else, spoilt as `Drifting` is."""
+
+    wrong: str = choice("nothing", "R", "goal", "base", "penalty", "terminal")
+    how: str = choice("shape", *SPOILS)
+
+    def _right(self, name: str, value: Array) -> Any:
+        return SPOILS[self.how](value) if self.wrong == name else value
+
+    @property
+    def R(self) -> Array:
+        return self._right("R", jnp.ones((1, 1)))
+
+    @property
+    def goal(self) -> Array:
+        return self._right("goal", jnp.ones(2))
+
+    def base(self, x: Array) -> Array:
+        return self._right("base", jnp.sum(x**2))
+
+    def penalty(self, x: Array) -> Array:
+        return self._right("penalty", jnp.sum(x))
+
+    def terminal(self, x: Array) -> Array:
+        return self._right("terminal", jnp.sum(x))
 
 
 @struct
