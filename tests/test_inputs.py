@@ -124,7 +124,7 @@ NONSENSE = [
     "system._target_=mppi_belief.EKF",
     "problem._target_=mppi_belief.EKF",
     "~problem._target_",
-    "controller=../system/light_dark",
+    "controller=../controller/ce",
     "-m seed=range(0,0)",
     "-m seed=range(0,1e18)",
     "-m seed=shuffle(range(0,1e18))",
