@@ -26,9 +26,20 @@ def default_ids() -> dict[str, str]:
 def test_the_id_is_the_controller_and_a_hash_that_stays_the_same():
     """Results on disk are found by it: should it have to change, say so in the changelog."""
     made = Cell(config(seed=3, light=5.0, centers=[[3.0, -1.0]]))
-    assert made.id == "fake-481b17b282fe"
+    assert made.id == "fake-3ef85c4e7e52"
     turned = Cell(dict(reversed(made.config.items())))
     assert turned.id == made.id
+
+
+def test_numbers_of_the_same_value_make_the_same_cell():
+    one, other = config(light=5.0, centers=[[3.0, -1]]), config(light=5, centers=[[3, -1.0]])
+    assert Cell(one).id == Cell(other).id != Cell(config(light=5.5, centers=[[3, -1.0]])).id
+    assert Cell(config(seen=True)).id != Cell(config(seen=1)).id
+
+
+def test_a_users_code_is_part_of_the_cell():
+    one, other = config() | {"code": {"mine": "0a"}}, config() | {"code": {"mine": "0b"}}
+    assert len({Cell(config()).id, Cell(one).id, Cell(other).id}) == 3
 
 
 def test_an_algorithm_version_of_its_own_makes_another_cell(monkeypatch):

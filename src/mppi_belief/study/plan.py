@@ -10,10 +10,13 @@ import re
 from collections.abc import Collection
 from typing import Any, NamedTuple
 
-from ..settings import ConfigError, batches
+from ..settings import ConfigError, batches, canonical
 
-ALGORITHM_VERSION = 2  # raise when the same configuration would give other numbers
-IDENTITY = ("system", "cost", "problem", "filter", "controller", "names", "seed", "precision", "platform", "batch")
+ALGORITHM_VERSION = 3  # raise when the same configuration would give other numbers
+IDENTITY = (
+    *("system", "cost", "problem", "filter", "controller", "code"),  # what it is built from
+    *("names", "seed", "precision", "platform", "batch"),
+)
 SMALLEST_CHUNK = 10
 
 
@@ -25,7 +28,7 @@ class Cell(NamedTuple):
     @property
     def id(self) -> str:
         """Controller and hash: what makes two cells the same, whoever runs them, with how many trials or workers."""
-        identity = {key: self.config[key] for key in IDENTITY} | {"algorithm": ALGORITHM_VERSION}
+        identity = canonical({key: self.config[key] for key in IDENTITY} | {"algorithm": ALGORITHM_VERSION})
         text = json.dumps(identity, sort_keys=True, separators=(",", ":"), allow_nan=False)
         return f"{self.config['names']['controller']}-{hashlib.sha256(text.encode()).hexdigest()[:12]}"
 
