@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from cli_helpers import CONF, SMALL, Said, call, compose, files_in
 from experiment_helpers import compiled_quickly
-from mppi_belief import cli
+from mppi_belief import cli, jobs
 from mppi_belief.report import write
 from mppi_belief.study import runner
 
@@ -222,6 +222,7 @@ def test_a_configuration_that_makes_sense_is_accepted(ask, tmp_path):
     own = tmp_path / "own" / "controller"
     own.mkdir(parents=True)
     (own / "good.yaml").write_text(GOOD)
+    jobs._usual.cache_clear()  # as in a fresh process
     assert ask("run", "--config-dir=own", "controller=good", *SMALL) == (0, "", "")
     assert ask("run", *SMALL, "theta=0.5", "results_dir=${oc.env:HOME}/x") == (0, "", "")
     assert files_in(tmp_path) == ["own"]

@@ -33,14 +33,14 @@ def jobs(conf: Path, folders: Sequence[str], words: Sequence[str], multirun: boo
 
     setbase("1.3")
     _teach_hydra()
-    before = HydraConfig.instance().cfg
-    usual = _usual(conf) if folders else None
     path = create_config_search_path(str(conf))
     for folder in map(Path, folders):
         if not folder.is_dir():
             raise ConfigError(f"--config-dir {folder}: no such folder")
         path.prepend("command-line", f"checked://{folder.resolve()}", _schema())
+    before = HydraConfig.instance().cfg
     try:
+        usual = _usual(conf) if folders else None
         for config in _composed(_loader(path), list(words), multirun, usual):
             HydraConfig.instance().set_config(config)
             yield config
@@ -77,7 +77,9 @@ def _schema() -> Any:
 
 def _loader(path: Any) -> Any:
     from hydra._internal.hydra import Hydra
+    from hydra.core.global_hydra import GlobalHydra
 
+    GlobalHydra.instance().clear()  # there is one at a time
     return Hydra.create_main_hydra2("mppi-belief", path).config_loader
 
 
