@@ -12,15 +12,15 @@ metadata is JSON under the key "mppi-belief":
     format    FORMAT_VERSION      cell      the cell's id, the name of its folder
     digest    of all values       sources   where the rows come from: {"trials": [[first, last], ...], ...} each
 
-Format 1 had one source, its keys beside `format`, and neither a digest nor the cell's id.
+Format 1 had one source, its keys beside `format`, and neither a digest nor the cell's id; trajectories had no metadata.
 """
 
 import hashlib
 import json
 from bisect import bisect_left
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import pandas as pd
 import pyarrow as pa
@@ -29,6 +29,7 @@ import pyarrow.parquet as pq
 from .files import write_whole
 
 FORMAT_VERSION = 2
+ATTEMPTS = 5  # at listing a folder whose files are merged at the same time
 _KEY = b"mppi-belief"
 _TYPES: dict[str, pa.DataType] = {
     "trial": pa.int64(),
@@ -47,6 +48,7 @@ _TYPES: dict[str, pa.DataType] = {
     "steps": pa.int64(),
     "error": pa.string(),
 }
+COLUMNS = (*_TYPES,)  # that the rows of all cells have; others are swept settings
 _ROWS = pa.schema(list(_TYPES.items()))
 _NUMBERS = pa.list_(pa.float64())
 _PATHS = pa.schema(
@@ -121,62 +123,118 @@ def read_table(path: Path) -> tuple[dict[str, Any], pa.Table]:
     torn, damaged, not one of ours, another cell's, or of a newer format."""
     try:
         table = pq.ParquetFile(path, page_checksum_verification=True).read()
-        about = json.loads((table.schema.metadata or {})[_KEY])
-        version = about["format"]
+        about = json.loads(_told(path, table))
+        version = int(about["format"])
     except (pa.ArrowException, KeyError, TypeError) as error:
         raise ValueError((str(error).splitlines() or [""])[0]) from error
     if version == 1:
         trials = table["trial"].to_pylist() if "trial" in table.column_names else []
-        about = {"format": 1, "sources": [{"trials": ranges(set(trials)), **about}]}
+        sources = [{"trials": ranges(set(trials)), **about}] if path.name.startswith("part-") else []
+        about = {"format": 1, "sources": sources}
     if version > FORMAT_VERSION:
         raise ValueError(f"format {version} is of a newer mppi-belief")
     if about.get("cell", path.parent.name) != path.parent.name:
         raise ValueError(f"it belongs to {about['cell']}")
     if about.get("digest", content := table_digest(table)) != content:
         raise ValueError("its values are not those that were written")
+    if not _are_sources(about.get("sources")):
+        raise ValueError("it does not say where its trials come from")
     return about, table
 
 
-def _read(folder: Path, kind: str, schema: pa.Schema, warn: Callable[[str], object]) -> Iterator[pd.DataFrame]:
-    """The tables of one kind, by file name; a file that cannot be read is named to `warn` and left out."""
-    for path in sorted(folder.glob(f"{kind}-*.parquet")):
-        try:
-            table = read_table(path)[1].select(schema.names).cast(schema)
-            yield table.to_pandas().assign(_file=path.name)
-        except (OSError, pa.ArrowException, KeyError, ValueError) as error:
-            warn(f"{path}: not a results file of this cell, left out ({(str(error).splitlines() or [''])[0]})")
+def _told(path: Path, table: pa.Table) -> bytes:
+    """The metadata of a table; in format 1 trajectories had none."""
+    about = (table.schema.metadata or {}).get(_KEY)
+    if about is None and path.name.startswith("paths-"):
+        return b'{"format": 1}'
+    if about is None:
+        raise ValueError("it has no metadata of mppi-belief")
+    return about
+
+
+def _are_sources(found: Any) -> bool:
+    """Whether these are sources: each a dict whose `trials` are pairs of numbers."""
+    trials = [source.get("trials") if isinstance(source, dict) else None for source in found or ()]
+    if not isinstance(found, list) or not all(isinstance(one, list) for one in trials):
+        return False
+    pairs = [pair for one in trials for pair in one or ()]
+    return all(isinstance(pair, list) and [type(part) for part in pair] == [int, int] for pair in pairs)
+
+
+class Stored(NamedTuple):
+    """A file that could be read: what it says of itself, and its table, first the columns that all files have."""
+
+    path: Path
+    about: dict[str, Any]
+    table: pa.Table
+
+
+def read_parts(folder: Path, warn: Callable[[str], object] = _ignore) -> list[Stored]:
+    """The part files of a cell by name; one that cannot be read is named to `warn` and left out."""
+    return _read(folder, "part", _ROWS, warn)
+
+
+def read_steps(folder: Path, warn: Callable[[str], object] = _ignore) -> list[Stored]:
+    """The same of the files with trajectories."""
+    return _read(folder, "paths", _PATHS, warn)
+
+
+def _read(folder: Path, kind: str, schema: pa.Schema, warn: Callable[[str], object]) -> list[Stored]:
+    """The files of one kind. They are listed anew where one of them has gone, merged into another meanwhile."""
+    for _ in range(ATTEMPTS):
+        paths, found, lines, gone = sorted(folder.glob(f"{kind}-*.parquet")), [], [], False
+        for path in paths:
+            try:
+                about, table = read_table(path)
+                found.append(Stored(path, about, _known_first(table, schema)))
+            except (OSError, pa.ArrowException, KeyError, ValueError) as error:
+                gone = gone or isinstance(error, FileNotFoundError)
+                reason = (str(error).splitlines() or [""])[0]
+                lines.append(f"{path}: not a results file of this cell, left out ({reason})")
+        if not gone:
+            break
+    for line in lines:
+        warn(line)
+    return found
+
+
+def _known_first(table: pa.Table, schema: pa.Schema) -> pa.Table:
+    """The columns of the schema in its types, then the others; raises KeyError or an Arrow exception."""
+    others = [name for name in table.column_names if name not in schema.names]
+    known = table.select(schema.names).cast(schema)
+    for name in others:
+        known = known.append_column(table.schema.field(name), table[name])
+    return known
 
 
 def read_rows(folder: Path, warn: Callable[[str], object] = _ignore) -> pd.DataFrame:
     """The rows of a cell by trial, each trial once; a file that cannot be read is named to `warn` and left out."""
-    frames = list(_read(folder, "part", _ROWS, warn))
+    parts = read_parts(folder, warn)
+    frames = [part.table.select(_ROWS.names).to_pandas().assign(_file=part.path.name) for part in parts]
     if not frames:
         return pd.DataFrame(columns=[*_TYPES])
-    rows = pd.concat(frames, ignore_index=True)
-    rows["_bad"] = rows["status"] != "ok"
-    rows = rows.sort_values(["trial", "_bad", "_file"]).drop_duplicates("trial", ignore_index=True)
-    return rows.drop(columns=["_file", "_bad"])
+    return each_once(pd.concat(frames, ignore_index=True)).drop(columns="_file")
+
+
+def each_once(rows: pd.DataFrame) -> pd.DataFrame:
+    """By trial, of several rows of one the first good one, else the first; `_file` says where a row was found."""
+    rows = rows.assign(_bad=rows["status"] != "ok").sort_values(["trial", "_bad", "_file"])
+    return rows.drop_duplicates("trial", ignore_index=True).drop(columns="_bad")
 
 
 def read_paths(folder: Path, warn: Callable[[str], object] = _ignore) -> pd.DataFrame:
     """The kept trajectories of a cell by trial and step."""
-    frames = list(_read(folder, "paths", _PATHS, warn))
+    frames = [one.table.select(_PATHS.names).to_pandas() for one in read_steps(folder, warn)]
     if not frames:
         return pd.DataFrame(columns=_PATHS.names)
-    paths = pd.concat(frames).drop_duplicates(["trial", "step"]).sort_values(["trial", "step"], ignore_index=True)
-    return paths.drop(columns="_file")
+    return pd.concat(frames).drop_duplicates(["trial", "step"]).sort_values(["trial", "step"], ignore_index=True)
 
 
 def read_sources(folder: Path, trials: Collection[int]) -> list[dict[str, Any]]:
     """Where these trials come from: the sources of every readable part file that hold one of them."""
-    found, wanted = [], sorted(trials)
-    for path in sorted(folder.glob("part-*.parquet")):
-        try:
-            sources = read_table(path)[0]["sources"]
-            found += [source for source in sources if _holds(source["trials"], wanted)]
-        except (OSError, ValueError, KeyError, TypeError):
-            continue  # `read_rows` names it
-    return found
+    wanted = sorted(trials)
+    sources = [source for part in read_parts(folder) for source in part.about["sources"]]
+    return [source for source in sources if _holds(source["trials"], wanted)]
 
 
 def _holds(within: Sequence[Sequence[int]], trials: Sequence[int]) -> bool:
