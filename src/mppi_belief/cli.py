@@ -1,4 +1,4 @@
-"""The command line: `mppi-belief run`, `report`, `verify`."""
+"""The command line: `mppi-belief run`, `report`, `verify`, `results`, `replay`."""
 
 import contextlib
 import io
@@ -18,7 +18,7 @@ from .settings import ConfigError, plain_line, unknown_key
 from .study.signals import STOPPING, held
 
 NOT_HELD, INPUT_ERROR, SOME_FAILED, CANNOT_WRITE, NOBODY_WORKS, CUT_OFF = 1, 2, 3, 74, 75, 141
-COMMANDS = ("run", "report", "verify")
+COMMANDS = ("run", "report", "verify", "results", "replay")
 FIRST_WORDS = (*COMMANDS, "--help", "--version")
 
 
@@ -42,6 +42,8 @@ def main() -> int:
         return _guarded(lambda: _stoppable(lambda: report(args[1:])))
     if args[0] == "verify":
         return _guarded(lambda: _stoppable(lambda: verify(args[1:])))
+    if args[0] in ("results", "replay"):
+        return _guarded(lambda: _stoppable(lambda: _tool(args[0], args[1:])))
     guess = f"; did you mean `mppi-belief run {' '.join(args)}`?" if "=" in args[0] or args[0].startswith("-") else ""
     return _complain(f"unknown command '{args[0]}'{guess or '; see mppi-belief --help'}", INPUT_ERROR)
 
@@ -175,6 +177,14 @@ def verify(args: Sequence[str]) -> int:
     return _certify(configs[0], names or NAMES, command)
 
 
+def _tool(name: str, args: Sequence[str]) -> int:
+    """`mppi-belief results` and `replay`: what is there already, looked at and looked after."""
+    from .tools.replay import replay
+    from .tools.results import results
+
+    return results(args) if name == "results" else replay(args)
+
+
 def _key(override: str) -> str:
     return override.lstrip("+~").partition("=")[0]
 
@@ -248,6 +258,11 @@ def _complete(args: Sequence[str]) -> int:
     if any(arg.startswith("query=") for arg in args):
         if len(words) < 2 or (len(words) == 2 and words[1] not in COMMANDS and not line.endswith(" ")):
             print(" ".join(word for word in FIRST_WORDS if len(words) < 2 or word.startswith(words[1])))
+            return 0
+        if words[1] in ("results", "replay"):
+            from .tools.words import complete
+
+            print(*complete(words[1:], begun=not line.endswith(" ")), sep="\n")
             return 0
         if words[1] == "verify":
             line = _complete_certificates(line, words)

@@ -34,6 +34,13 @@ def record(config: dict[str, Any]) -> dict[str, Any]:
         }
 
 
+def sampled_paths(config: dict[str, Any], trial: int) -> dict[str, Any] | None:
+    """The part `samples` of a recording, by itself: what the planner sampled in a trial, None if it samples nothing."""
+    with computing(config):
+        samples = _run(*jax.device_put(build(config)), config["seed"], trial)[0]
+        return None if samples is None else _thin(*(np.asarray(part, dtype=float) for part in samples))
+
+
 @jax.jit
 def _run(
     problem: Problem, filter: Filter, controller: Controller, seed: Any, trial: Any

@@ -44,8 +44,9 @@ def _run(problem: Problem, filter: Filter, controller: Controller, seed: Any, tr
     return jax.vmap(one)(trial) if jnp.ndim(trial) else one(trial)
 
 
-def run_trials(config: dict[str, Any], trials: Sequence[int]) -> Batch:
-    """Run some trials of a cell (ascending), a batch at a time; an exception in one becomes its row's status."""
+def run_trials(config: dict[str, Any], trials: Sequence[int], kept: int = KEPT_PATHS) -> Batch:
+    """Run some trials of a cell (ascending), a batch at a time; an exception in one becomes its row's status. The
+    trajectories of the first `kept` trials are told too."""
     rows, paths = [], []
     with computing(config):
         parts = build(config)
@@ -56,7 +57,7 @@ def run_trials(config: dict[str, Any], trials: Sequence[int]) -> Batch:
                     continue
                 judged, result = outcome
                 rows.append(_row(config, trial, judged, result))
-                if trial < KEPT_PATHS:
+                if trial < kept:
                     paths += _path_rows(trial, result)
         scene = describe_scene(parts.problem) if paths else None
     return Batch(rows, paths, scene)

@@ -1,7 +1,7 @@
 """Whether the files of a cell say what was written, and agree with each other: `mppi-belief results verify`.
 
 A file's own hash is checked where it is read (`mppi_belief.study.results`, `mppi_belief.study.files`). Here: every row
-is of this cell and of a run that its file names, what is there twice is the same bit for bit, and every path has its row.
+is of this cell and of a run that its file names, what is there twice is the same bit for bit, every path has its row.
 """
 
 from collections.abc import Iterator, Sequence

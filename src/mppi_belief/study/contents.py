@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import pandas as pd
+import pyarrow.compute as pc
 
 from ..settings import labels
 from .files import read_json
@@ -103,6 +104,23 @@ def runs(contents: Contents, rows: pd.DataFrame) -> list[dict[str, Any]]:
         {"trials": ranges(trials), **same} | ({"elapsed": max(times)} if times else {})
         for same, trials, times in found.values()
     ]
+
+
+def row_of(contents: Contents, trial: int) -> tuple[dict[str, Any], dict[str, Any]] | None:
+    """The row of a trial as it was written and the source it comes from; None where there is none."""
+    rows = contents.rows
+    for at in rows.index[rows["trial"] == trial]:
+        file, status = str(rows.at[at, "_file"]), rows.at[at, "status"]
+        (part,) = (part for part in contents.parts if part.path.name == file)
+        written = part.table.filter(pc.field("trial") == trial).to_pylist()
+        return next(row for row in written if row["status"] == status), origin(contents)(trial, file)
+    return None
+
+
+def path_of(contents: Contents, trial: int) -> list[dict[str, Any]]:
+    """The steps that were kept of a trial: step, state, mean, cov (flat), control; empty where none were."""
+    steps = [step for one in contents.paths for step in one.table.filter(pc.field("trial") == trial).to_pylist()]
+    return [step for _, step in sorted({step["step"]: step for step in steps}.items())]
 
 
 def superseded(contents: Contents) -> str | None:

@@ -2,6 +2,7 @@
 
 from .animation import animate
 from .diagnostics import ess_figure, residual_figure
+from .one_trial import one_trial
 from .quality import quality_figure
 from .style import BLUE, GREEN, INK, ORANGE, look, save, save_both
 from .sweeps import figure_2, theta_figure
@@ -22,6 +23,7 @@ __all__ = [
     "figure_1",
     "figure_2",
     "look",
+    "one_trial",
     "quality_figure",
     "residual_figure",
     "save",

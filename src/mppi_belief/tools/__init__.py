@@ -1,0 +1,1 @@
+"""Commands for people who look after results: `mppi-belief results` and `mppi-belief replay`."""
