@@ -11,6 +11,7 @@ metadata is JSON under the key "mppi-belief":
 
     format    FORMAT_VERSION      cell      the cell's id, the name of its folder
     digest    of all values       sources   where the rows come from: {"trials": [[first, last], ...], ...} each
+    seal      of all these
 
 Format 1 had one source, its keys beside `format`, and neither a digest nor the cell's id; trajectories had no metadata.
 """
@@ -26,11 +27,11 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from .files import write_whole
+from .files import digest, write_whole
 
 FORMAT_VERSION = 2
 ATTEMPTS = 5  # at listing a folder whose files are merged at the same time
-_KEY = b"mppi-belief"
+_KEY, _SEAL = b"mppi-belief", "seal"
 _TYPES: dict[str, pa.DataType] = {
     "trial": pa.int64(),
     "seed": pa.int64(),
@@ -81,7 +82,7 @@ def write_table(folder: Path, kind: str, table: pa.Table, sources: Sequence[dict
     """A file of one kind, "part" or "paths", named by its trials and its content; the path it has."""
     trials, content = table["trial"].to_pylist(), table_digest(table)
     about = {"format": FORMAT_VERSION, "cell": folder.name, "digest": content, "sources": list(sources)}
-    told = table.replace_schema_metadata({_KEY: json.dumps(about)})
+    told = table.replace_schema_metadata({_KEY: json.dumps({**about, _SEAL: digest(about)})})
     path = folder / f"{kind}-{min(trials):06d}-{max(trials):06d}-{content[:8]}.parquet"
     write_whole(path, lambda place: pq.write_table(told, place, compression="zstd", write_page_checksum=True))
     return path
@@ -127,6 +128,8 @@ def read_table(path: Path) -> tuple[dict[str, Any], pa.Table]:
         version = int(about["format"])
     except (pa.ArrowException, KeyError, TypeError) as error:
         raise ValueError((str(error).splitlines() or [""])[0]) from error
+    if about.pop(_SEAL, None) not in (None, digest(about)):
+        raise ValueError("what it says of itself is not what was written")
     if version == 1:
         trials = table["trial"].to_pylist() if "trial" in table.column_names else []
         sources = [{"trials": ranges(set(trials)), **about}] if path.name.startswith("part-") else []

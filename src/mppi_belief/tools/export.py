@@ -5,10 +5,15 @@ import io
 from collections.abc import Iterator, Sequence
 from typing import Any
 
+import pandas as pd
+
 from ..settings import labels
 from ..study.contents import Contents, origin
 from ..study.results import COLUMNS
 from .tables import commit
+
+
+_TEXT = ("status", "controller", "collided", "error")  # columns in which pandas has NaN for nothing
 
 
 def as_csv(cells: Sequence[Contents]) -> tuple[str, int]:
@@ -30,7 +35,7 @@ def _lines(contents: Contents) -> Iterator[dict[str, str]]:
     for values in rows.to_dict("records"):
         source = find(values["trial"], values["_file"])
         swept = {name: value for name, value in _swept(source).items() if name not in COLUMNS}
-        row = {name: values[name] for name in COLUMNS}
+        row = {name: None if name in _TEXT and pd.isna(values[name]) else values[name] for name in COLUMNS}
         yield {"cell": contents.folder.name, "commit": commit(source, short=False)} | {
             name: _exact(value) for name, value in (row | swept).items()
         }

@@ -28,6 +28,7 @@ from .plane import (
     ellipse,
     ends,
     kept_in_plane,
+    reach,
     spread,
     stacked,
     window,
@@ -103,7 +104,7 @@ def _show(found: Found) -> Show | None:
 
 
 def _frames(shows: Sequence[Show], steps: Sequence[int]) -> Iterator[Image.Image]:
-    corners = around([window([show.position, *_reach(show)], show.scene) for show in shows])
+    corners = around([window([show.position, *reach(show.mean, show.cov)], show.scene) for show in shows])
     width, height = corners[1] - corners[0]
     size = (WIDTH, min(1.0 + (WIDTH - 1.2) / len(shows) * height / width, WIDTH))
     figure = Figure(figsize=size, dpi=PIXELS, layout="compressed")
@@ -124,12 +125,6 @@ def _frames(shows: Sequence[Show], steps: Sequence[int]) -> Iterator[Image.Image
             _move(parts, show, min(step, len(show.position) - 1))
         canvas.draw()
         yield Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3].copy())
-
-
-def _reach(show: Show) -> list[np.ndarray]:
-    """How far belief ellipses go, up, down, left and right (T + 1, 2)."""
-    far = SIGMAS * np.sqrt(np.diagonal(show.cov, axis1=1, axis2=2)[:, :2])
-    return [show.mean[:, :2] - far, show.mean[:, :2] + far]
 
 
 def _start(axes: Axes, show: Show) -> Moving:

@@ -12,7 +12,7 @@ from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from .plane import LIGHT, SIGMAS, darkest, draw_scene, ellipse, ends, stacked, window
+from .plane import LIGHT, SIGMAS, darkest, draw_scene, ellipse, ends, reach, stacked, window
 from .style import GREEN, INK, SCREEN, look
 
 EVERY = 6  # steps from one belief ellipse to the next
@@ -35,7 +35,7 @@ def one_trial(
 
 def _in_plane(steps: pd.DataFrame, scene: dict[str, Any], samples: Any, colour: str, title: str) -> Figure:
     position, mean, cov = stacked(steps)
-    corners = window([position], scene)
+    corners = window([position, *reach(mean, cov)], scene)
     width, height = corners[1] - corners[0]
     figure = Figure(figsize=(7.2, 1.3 + 6.0 * min(height / width, 1.2)), layout="constrained")
     axes = figure.subplots()

@@ -56,6 +56,12 @@ def spread(cov: np.ndarray) -> tuple[np.ndarray, float]:
     return size, float(np.degrees(np.arctan2(vectors[1, 1], vectors[0, 1])))
 
 
+def reach(mean: np.ndarray, cov: np.ndarray) -> list[np.ndarray]:
+    """The lower and upper corners (T, 2) of the boxes around those ellipses; mean (T, n), cov (T, n, n)."""
+    far = SIGMAS * np.sqrt(np.diagonal(cov, axis1=1, axis2=2)[:, :2])
+    return [mean[:, :2] - far, mean[:, :2] + far]
+
+
 def window(paths: Iterable[np.ndarray], scene: dict[str, Any]) -> np.ndarray:
     """The corners (2, 2) of a box around paths (T, 2) and scene, no larger than what is shaded, in metres."""
     around = scene["radius"] * np.array([[-1, -1], [1, 1]])
