@@ -235,8 +235,8 @@ def test_a_users_own_controller_runs_from_a_yaml_and_a_module_beside_it(tmp_path
 
 
 COMPLETIONS = {
-    "mppi-belief ": ["run", "report", "verify", "--help", "--version"],
-    "mppi-belief r": ["run", "report"],
+    "mppi-belief ": ["run", "report", "verify", "results", "replay", "--help", "--version"],
+    "mppi-belief r": ["run", "report", "results", "replay"],
     "mppi-belief report exp": ["experiment="],
     "mppi-belief x": [],
     "mppi-belief verify cole_hopf fey": ["feynman_kac"],

@@ -182,7 +182,7 @@ def test_an_export_reads_back_bit_for_bit(command, root, tmp_path):
     assert (found[8]["error"], found[8]["collided"], found[8]["cost"]) == ('a "b",\nc', "", "nan")
     assert (found[0]["error"], found[0]["collided"], found[0]["steps"]) == ("", "False", "3")
     assert command("export").out == (tmp_path / "all.csv").read_text()
-    frame = pd.read_csv(io.StringIO(command("export").out), float_precision="round_trip")
+    frame = pd.read_csv(io.StringIO(command("export").out))
     assert frame["trial"].tolist() == [*range(9), 0]
 
 
@@ -201,8 +201,8 @@ def test_compaction_keeps_every_result_and_every_source(command, cell):
     store(cell.parent, CELL, rows_of(CELL, 5, first=30, **{"planner.horizon": 7}), (), later)
     before, paths = results.read_rows(cell), results.read_paths(cell)
     told = merged(command("compact"))
-    assert told[-1].startswith("1 cells: 9 files, ")
-    assert "-> 5 files" in told[-1]
+    assert told[-1].startswith("1 cells: 10 files, ")
+    assert "-> 6 files" in told[-1]
     (part,), (steps,) = cell.glob("part-*"), cell.glob("paths-*")
     assert results.result_hash(results.read_rows(cell)) == results.result_hash(before)
     assert results.read_paths(cell).equals(paths)
@@ -310,7 +310,7 @@ def test_what_cannot_be_read_or_contradicts_itself_is_left_as_it_is(command, cel
     assert said.code == 0
     assert torn.exists()
     assert "part-torn.parquet" in said.err
-    assert "left as it is: trials 0..1: two rows that differ" in said.err
+    assert "left as it is: trials 0: two rows that differ" in said.err
     assert files_in(root / OTHER.id) == before
 
 
@@ -351,13 +351,12 @@ def break_trials(cell: Path) -> None:
 
 def break_path(cell: Path) -> None:
     """Another path of the same trial."""
-    rewritten(next(cell.glob("paths-*")), lambda table: table)
     _, table = results.read_table(next(cell.glob("paths-*")))
     results.write_table(cell, "paths", with_column("state", [0.0, 0.0, 0.0, 0.0])(table), [])
 
 
 BREAKS: dict[str, tuple[Callable[[Path], object], str]] = {
-    "a value": (lambda cell: flip(min(cell.glob("part-*")), 700), "part-000000-000009"),
+    "a value": (lambda cell: flip(min(cell.glob("part-*")), 60), "part-000000-000009"),
     "a commit": (lambda cell: flip(max(cell.glob("part-*")), b"4a7f400"), "part-000020-000024"),
     "a path": (lambda cell: flip(next(cell.glob("paths-*")), 300), "paths-000003-000003"),
     "a note": (break_json, "timing.json"),
@@ -411,8 +410,8 @@ def test_what_may_be_there_twice_is_no_problem(command, cell):
 def test_times_and_sizes_in_words():
     from mppi_belief.tools.tables import bytes_in_words, time_in_words
 
-    assert [bytes_in_words(n) for n in (0, 999, 1000, 99949, 999499, 999500, 2 * 10**12)] == [
-        "0 B", "999 B", "1.0 kB", "99.9 kB", "999 kB", "1.0 MB", "2000 GB",
+    assert [bytes_in_words(n) for n in (0, 999, 1000, 99499, 999499, 999500, 2 * 10**12)] == [
+        "0 B", "999 B", "1.0 kB", "99.5 kB", "999 kB", "1.0 MB", "2000 GB",
     ]  # fmt: skip
     assert [time_in_words(s) for s in (0, 59, 60, 7200, 86400 * 3)] == ["0 s", "59 s", "1 min", "2 h", "3 d"]
 

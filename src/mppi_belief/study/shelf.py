@@ -4,13 +4,13 @@ import os
 import re
 import time
 from collections.abc import Collection, Iterator, Sequence
+from difflib import get_close_matches
 from pathlib import Path
 
-from ..settings import ConfigError, unknown_key
+from ..settings import ConfigError
 from .files import TEMPORARY
 
 _ID = re.compile(r".+-[0-9a-f]{12}")
-_SEE = "mppi-belief results"
 
 
 def cells(root: Path) -> list[Path]:
@@ -41,7 +41,11 @@ def choose(root: Path, word: str) -> Path:
     within = [name for name in known if word in name]
     if within:
         raise ConfigError(f"no cell begins with '{word}'; did you mean {_some(within)}?")
-    raise ConfigError(unknown_key(word, known, what="cell", see=f"{_SEE} results_dir={root}"))
+    near = get_close_matches(word, {name[: len(word)] for name in known}, n=1)
+    if near:
+        meant = [name for name in known if name.startswith(near[0])]
+        raise ConfigError(f"unknown cell '{word}'; did you mean {_some(meant)}?")
+    raise ConfigError(f"unknown cell '{word}'; see mppi-belief results results_dir={root}")
 
 
 def _some(names: Sequence[str], most: int = 6) -> str:

@@ -12,7 +12,6 @@ from ..study.contents import Contents, origin
 from ..study.results import COLUMNS
 from .tables import commit
 
-
 _TEXT = ("status", "controller", "collided", "error")  # columns in which pandas has NaN for nothing
 
 

@@ -121,11 +121,11 @@ def _changes(then: dict[str, Any], now: dict[str, Any]) -> list[str]:
     before, after = then.get("versions") or {}, now["versions"]
     pairs = [(name, before.get(name), after[name]) for name in _VERSIONS]
     pairs += [(name, then.get(name), now[name]) for name in ("algorithm", "processor", "platform")]
-    pairs += [("device", then["device"], now["device"])] if then.get("device") else []
-    pairs.append(("commit", commit(then), commit(now)))
+    pairs += [("device", then.get("device"), now["device"])]
+    pairs += [("commit", commit(then), commit(now))] if then.get("commit") else []
     threads = then.get("threads") or {}
-    pairs += [(name, threads.get(name), value) for name, value in now["threads"].items() if name in threads]
-    return [f"{name} {one}, now {other}" for name, one, other in pairs if one != other]
+    pairs += [(name, threads.get(name), value) for name, value in now["threads"].items()]
+    return [f"{name} {one}, now {other}" for name, one, other in pairs if one is not None and one != other]
 
 
 def _difference(one: Any, precision: str) -> str:
