@@ -65,6 +65,10 @@ class Lane:
             self._executor = ProcessPoolExecutor(1, context, initializer=start_worker, initargs=(self._setup,))
             self._started = self._executor.submit(ready)
             self._processes = {*multiprocessing.active_children()} - others
+            # the only other end of the worker's pipe: whoever holds it waits forever for the rest of a result whose
+            # worker was killed while it sent it
+            results: Any = self._executor._result_queue
+            results._writer.close()
         return self._executor
 
     @property
