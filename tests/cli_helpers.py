@@ -90,12 +90,15 @@ def python(code: str, cwd: Path) -> str:
 
 
 @contextmanager
-def started(cwd: Path, *args: str, stdout: int = subprocess.DEVNULL) -> Iterator[subprocess.Popen[str]]:
-    """The command in the background, in a process group of its own as a shell would give it; never left behind."""
+def started(
+    cwd: Path, *args: str, stdout: int = subprocess.DEVNULL, **how: Any
+) -> Iterator[subprocess.Popen[str]]:
+    """The command in the background, in a process group of its own as a shell would give it; never left behind.
+    `how` is for Popen."""
     log = cwd / "stderr.txt"
     with log.open("w") as stderr:
         process = subprocess.Popen(
-            [COMMAND, *args], cwd=cwd, stdout=stdout, stderr=stderr, text=True, start_new_session=True
+            [COMMAND, *args], cwd=cwd, stdout=stdout, stderr=stderr, text=True, start_new_session=True, **how
         )
         try:
             yield process

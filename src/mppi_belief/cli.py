@@ -66,16 +66,21 @@ def _stoppable(command: Callable[[], int]) -> int:
     """Run a command that keeps nothing half done: Ctrl-C or SIGTERM ends it with one word and 128 + signal."""
 
     def stop(number: int, frame: FrameType | None) -> None:
+        signal.pthread_sigmask(signal.SIG_BLOCK, STOPPING)  # once is enough
         raise KeyboardInterrupt(number)
 
     before = {number: signal.signal(number, stop) for number in STOPPING}
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, ())
     try:
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, STOPPING)
         return command()
     except KeyboardInterrupt as stopped:
         return _complain("stopped", 128 + (stopped.args[0] if stopped.args else signal.SIGINT))
     finally:
+        signal.pthread_sigmask(signal.SIG_BLOCK, STOPPING)
         for number, handler in before.items():
             signal.signal(number, handler)
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
 
 
 def _complain(line: str, code: int) -> int:

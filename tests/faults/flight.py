@@ -1,0 +1,32 @@
+"""A worker whose results are larger than a pipe, for a parent that can be made to sleep. A worker imports this."""
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from mppi_belief.study.lanes import Lanes
+from mppi_belief.study.plan import Cell, Chunk
+from mppi_belief.study.pool import Pool
+from mppi_belief.study.worker import Setup
+from study_helpers import TESTS, config, poll
+
+HERE = str(Path(__file__).parent)
+
+
+def bulky(config: dict[str, Any], trials: Sequence[int]) -> list[bytes]:
+    """A result of 4 MB; says the first time that it begins, and waits for an answer."""
+    folder = Path(config["system"]["folder"])
+    if not any(folder.iterdir()):
+        (folder / str(os.getpid())).touch()
+        poll((folder / "go").exists)
+    return [bytes(1 << 22)]
+
+
+def fly(folder: str) -> None:
+    """A parent, to be run in a process of its own."""
+    pool = Pool(bulky, Lanes(1, Setup([TESTS, HERE], {})), lambda line: print(line.partition(": ")[2], flush=True))
+    chunks = [Chunk(Cell(config(folder=folder)), (trial,)) for trial in range(3)]
+    done = [*pool.run(chunks)]
+    pool.close()
+    print(sum(len(one.outcome) for one in done), "results")
