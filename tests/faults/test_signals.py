@@ -1,0 +1,90 @@
+"""Ctrl-C, twice, and SIGTERM, whenever they come: one word, an exit code, nobody left, nothing lost."""
+
+import os
+import random
+import signal
+import time
+
+import pytest
+
+from faults_helpers import N_TRIALS, STOPPED, Run, begins, gone_after, when
+from study_helpers import poll
+
+
+def interrupt(run: Run, after: float, *numbers: signal.Signals, group: bool = True) -> int:
+    """Send signals so many seconds after the command's own code has begun, half a second apart; its exit code.
+
+    As a terminal does they go to all processes of the group. Checks what must be true at any instant.
+    """
+    before = run.done()
+    with run.begun() as process:
+        poll(lambda: begins(process), 30)
+        time.sleep(after)
+        for number in numbers:
+            if process.poll() is None:
+                (os.killpg if group else os.kill)(process.pid, number)
+                time.sleep(0.3)
+        code = process.wait(120)
+        left = gone_after(process.pid)
+    assert left == []
+    assert "Traceback" not in run.err, run.err
+    assert code in (0, STOPPED[numbers[0]]), run.err
+    assert code == 0 or "the same command goes on from here" in run.err
+    assert before <= run.done()
+    assert run.left_over() == []
+    return code
+
+
+def instants(seed: int, longest: float, count: int) -> list[float]:
+    """Every time a bit of the run, start-up included, later ones with it."""
+    return [random.Random(f"{seed} {at}").uniform(0, 1.1 * longest) for at in range(count)]
+
+
+@pytest.mark.long
+def test_twenty_interruptions_in_a_row(tmp_path, undisturbed, seconds):
+    run, codes = Run(tmp_path), []
+    for at, after in enumerate(instants(1, seconds, 20)):
+        kinds = [(signal.SIGINT,), (signal.SIGTERM,), (signal.SIGINT, signal.SIGINT), (signal.SIGINT, signal.SIGTERM)]
+        codes.append(interrupt(run, after, *kinds[at % 4], group=at % 8 != 1))
+    assert {130, 143} <= {*codes}
+    assert run.again().code == 0
+    assert run.hashes() == undisturbed.hashes
+
+
+@pytest.mark.long
+def test_every_tenth_of_the_start_up_can_be_interrupted(tmp_path, seconds):
+    """Nothing has been computed yet when it stops."""
+    for tenth in range(10):
+        run = Run(tmp_path / str(tenth))
+        run.folder.mkdir()
+        assert interrupt(run, tenth * 0.2, signal.SIGTERM if tenth % 2 else signal.SIGINT) in (130, 143)
+
+
+@pytest.mark.parametrize(
+    ("numbers", "group"),
+    [
+        ((signal.SIGINT,), True),
+        pytest.param((signal.SIGTERM,), False, marks=pytest.mark.long),
+        ((signal.SIGINT, signal.SIGINT), True),
+        pytest.param((signal.SIGTERM, signal.SIGINT), True, marks=pytest.mark.long),
+    ],
+)
+def test_signals_while_it_computes_and_the_same_command_again(numbers, group, tmp_path, undisturbed):
+    """Once finishes the trials that run; twice loses those."""
+    run = Run(tmp_path)
+    with run.begun() as process:
+        when(lambda: len(run.parts()) > 1, process)
+        for number in numbers:
+            (os.killpg if group else os.kill)(process.pid, number)
+            time.sleep(0.1)
+        code = process.wait(60)
+        left = gone_after(process.pid)
+    assert (code, left) == (STOPPED[numbers[0]], [])
+    assert "Traceback" not in run.err
+    assert "the same command goes on from here" in run.err
+    found = len(run.done())
+    assert 0 < found < 4 * N_TRIALS
+    said = run.again()
+    assert said.code == 0
+    assert f"{4 * N_TRIALS - found} trials run, {found} found done" in said.out
+    assert run.hashes() == undisturbed.hashes
