@@ -23,18 +23,16 @@ FIRST_WORDS = (*COMMANDS, "--help", "--version")
 
 
 def main() -> int:
-    """Entry point of the `mppi-belief` command; returns its exit code."""
+    """The `mppi-belief` command; returns its exit code."""
     args = sys.argv[1:]
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="replace")  # Greek letters on a terminal that has none
     if any(arg in ("-sc", "--shell-completion") for arg in args):
         return _guarded(lambda: _complete(args))
     if not args or args[0] in ("-h", "--help"):
-        print(usage.USAGE, end="")
-        return 0
+        return _guarded(lambda: _show(usage.USAGE))
     if args[0] == "--version":
-        print(f"mppi-belief {__version__}")
-        return 0
+        return _guarded(lambda: _show(f"mppi-belief {__version__}\n"))
     if args[0] == "run":
         with held():
             return _guarded(lambda: run(args[1:]))
@@ -51,15 +49,31 @@ def main() -> int:
 def _guarded(command: Callable[[], int]) -> int:
     """Run a command; a person's mistake becomes one line on stderr and an exit code."""
     try:
-        return command()
+        code = command()
+        sys.stdout.flush()  # Python's own way of saying that it cannot be written is another
+        return code
     except ConfigError as error:
         return _complain(str(error), INPUT_ERROR)
     except BrokenPipeError:  # the reader of our output went away; nothing is left to tell
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _tell_nobody()
         return CUT_OFF
     except OSError as error:
+        try:
+            sys.stdout.flush()
+        except OSError:
+            _tell_nobody()
         where = f": {error.filename}" if error.filename else ""
         return _complain(f"cannot write results: {error.strerror or error}{where}", CANNOT_WRITE)
+
+
+def _tell_nobody() -> None:
+    """What is left to print has nowhere to go."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def _show(text: str) -> int:
+    print(text, end="")
+    return 0
 
 
 def _stoppable(command: Callable[[], int]) -> int:

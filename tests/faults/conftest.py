@@ -3,7 +3,6 @@
 import pytest
 
 from faults_helpers import Run, Undisturbed
-from mppi_belief.study.results import result_hash
 from study_helpers import limited
 
 
@@ -20,7 +19,7 @@ def undisturbed(tmp_path_factory) -> Undisturbed:
     run = Run(tmp_path_factory.mktemp("undisturbed"))
     said = run.again()
     assert said.code == 0, said.err
-    return Undisturbed({cell: result_hash(rows) for cell, rows in run.rows().items()}, said.out)
+    return Undisturbed(run.root, run.hashes(), said.out)
 
 
 @pytest.fixture(scope="session")

@@ -23,8 +23,9 @@ STOPPED = {signal.SIGINT: 130, signal.SIGTERM: 143}
 
 
 class Undisturbed(NamedTuple):
-    """The result hash of every cell, the table that it printed."""
+    """The folder of its results, the result hash of every cell, the table that it printed."""
 
+    root: Path
     hashes: dict[str, str]
     table: str
 
@@ -96,7 +97,7 @@ class Run:
 
 
 def begins(process: subprocess.Popen[str]) -> bool:
-    """Whether a command's own code runs: from then on signals wait until they can be answered. Before, Python starts."""
+    """Whether a command's own code runs, and no longer Python's: from then on signals wait for an answer."""
     if process.poll() is not None:
         return True
     blocked = _status(process.pid).get("SigBlk", "0")
@@ -130,8 +131,7 @@ def cpu_seconds(pid: int) -> float:
 
 
 def gone_after(group: int, seconds: float = 1.0) -> list[int]:
-    """The processes of a group that still run when so much time has passed; on a machine that is short of processors,
-    time is what they get."""
+    """The processes of a group that still run when so much time has passed."""
     until = time.monotonic() + seconds
     while time.monotonic() < until and members(group):
         time.sleep(0.02)

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from fault_work import HERE
 from faults_helpers import Run, when, workers_of
-from flight import HERE
 from study_helpers import TESTS, poll
 
 
@@ -61,7 +61,7 @@ def test_a_worker_killed_every_second_costs_nothing_but_time(tmp_path, undisturb
 
 def test_a_worker_killed_while_its_result_is_on_its_way_costs_nothing(tmp_path):
     """The parent sleeps, so that the worker stands still halfway through a result larger than a pipe."""
-    script = f"import sys; sys.path[:0] = [{TESTS!r}, {HERE!r}]; import flight; flight.fly(sys.argv[1])"
+    script = f"import sys; sys.path[:0] = [{TESTS!r}, {HERE!r}]; import fault_work; fault_work.fly(sys.argv[1])"
     with subprocess.Popen(
         [sys.executable, "-c", script, str(tmp_path)], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
     ) as parent:

@@ -1,4 +1,4 @@
-"""A worker whose results are larger than a pipe, for a parent that can be made to sleep. A worker imports this."""
+"""Fake work that is hard to bring back: larger than a pipe, or an exception without a way home. Workers import this."""
 
 import os
 from collections.abc import Sequence
@@ -30,3 +30,17 @@ def fly(folder: str) -> None:
     done = [*pool.run(chunks)]
     pool.close()
     print(sum(len(one.outcome) for one in done), "results")
+
+
+class Unpicklable(Exception):
+    """It pickles, but cannot be made again from its one argument."""
+
+    def __init__(self, one: str, two: str) -> None:
+        super().__init__(f"{one} {two}")
+
+
+def unpicklable(config: dict[str, Any], trials: Sequence[int]) -> list[int]:
+    """Trial 1 has no luck."""
+    if 1 in trials:
+        raise Unpicklable("two", "words")
+    return list(trials)

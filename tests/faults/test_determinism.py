@@ -1,0 +1,69 @@
+"""Rows are the same bits for any number of workers, any chunks, order, resume point, part of the study, or executor."""
+
+import pytest
+
+from faults_helpers import N_TRIALS, SMALL, Run
+
+SHARDS = 3
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    "more",
+    [
+        ("workers=1",),
+        ("workers=5",),
+        ("workers=2", "executor=dask"),
+        ("workers=2", "trial_timeout=null"),
+    ],
+)
+def test_whoever_computes_and_however_many(more, tmp_path, undisturbed):
+    """The number of workers changes the chunks, too."""
+    run = Run(tmp_path)
+    said = run.again(*more)
+    assert (said.code, said.err) == (0, ""), said.err
+    assert run.hashes() == undisturbed.hashes
+
+
+@pytest.mark.long
+def test_another_order_and_other_resume_points(tmp_path, undisturbed):
+    """Cells the other way round, first the first 7 trials, then 22, then all."""
+    run = Run(tmp_path, "-m", "controller=ce,belief", "seed=1,0", *SMALL)
+    for n_trials in (7, 22, N_TRIALS):
+        assert run.again(f"n_trials={n_trials}").code == 0
+        assert len(run.done()) == 4 * n_trials
+    assert run.hashes() == undisturbed.hashes
+
+
+@pytest.mark.long
+def test_trials_that_are_lost_anywhere_are_the_same_the_second_time(tmp_path, undisturbed):
+    """Every other file of a study that is done is taken away."""
+    run = Run(tmp_path)
+    assert run.again("workers=1").code == 0
+    for path in sorted(run.parts())[::2]:
+        path.unlink()
+    lost = 4 * N_TRIALS - len(run.done())
+    said = run.again()
+    assert lost > 0
+    assert f"{lost} trials run, {4 * N_TRIALS - lost} found done" in said.out
+    assert run.hashes() == undisturbed.hashes
+
+
+@pytest.mark.long
+def test_the_parts_of_a_study_make_the_whole_wherever_they_were_computed(tmp_path, undisturbed):
+    """Each in a folder of its own, then put together as files."""
+    whole = Run(tmp_path)
+    seen: set[tuple[str, int]] = set()
+    for part in range(1, SHARDS + 1):
+        folder = tmp_path / str(part)
+        folder.mkdir()
+        run = Run(folder)
+        assert run.again(f"shard={part}/{SHARDS}").code == 0
+        assert run.done()
+        assert not seen & run.done()
+        seen |= run.done()
+        for path in run.parts():
+            there = whole.root / path.parent.name / path.name
+            there.parent.mkdir(parents=True, exist_ok=True)
+            there.write_bytes(path.read_bytes())
+    assert whole.hashes() == undisturbed.hashes

@@ -1,0 +1,77 @@
+"""A results folder with what should not be in it: told by name, left alone, and not counted."""
+
+import json
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from faults_helpers import N_TRIALS, Run
+from mppi_belief.study import plan, results
+
+
+@pytest.fixture
+def run(tmp_path, undisturbed) -> Run:
+    """A study that is done."""
+    run = Run(tmp_path)
+    for path in undisturbed.root.rglob("*"):
+        if path.is_file():
+            copy = run.root / path.relative_to(undisturbed.root)
+            copy.parent.mkdir(parents=True, exist_ok=True)
+            copy.write_bytes(path.read_bytes())
+    return run
+
+
+@pytest.mark.long
+def test_truncated_empty_and_foreign_files_cost_their_own_trials_only(run, undisturbed):
+    truncated = max(run.parts(), key=lambda path: path.stat().st_size)
+    lost = len(results.read_table(truncated)[1])
+    truncated.write_bytes(truncated.read_bytes()[:-100])
+    cell = truncated.parent
+    (cell / "part-000000-000009-empty.parquet").touch()
+    pq.write_table(pa.table({"trial": [1, 2, 3], "cost": [1.0, 2.0, 3.0]}), cell / "part-000001-000003-foreign.parquet")
+    (cell / "part-000000-000009-text.parquet").write_text("not parquet at all\n")
+    said = run.again()
+    assert said.code == 0, said.err
+    assert f"{lost} trials run, {4 * N_TRIALS - lost} found done" in said.out
+    for name in (truncated.name, "empty", "foreign", "text"):
+        (line,) = {line for line in said.err.splitlines() if name in line}
+        assert line.startswith(f"{cell.relative_to(run.folder)}/part-")
+        assert "not a results file of this cell, left out" in line
+    assert "Traceback" not in said.err
+    hashes = {cell.name: results.result_hash(results.read_rows(cell)) for cell in run.root.iterdir()}
+    assert hashes == undisturbed.hashes
+
+
+@pytest.mark.long
+def test_files_of_format_1_count_and_those_of_a_newer_format_are_named_and_left_out(run, undisturbed):
+    one, other = sorted(run.root.iterdir())[:2]
+    for path in one.glob("part-*"):
+        about, table = results.read_table(path)
+        source = {key: value for key, value in about["sources"][0].items() if key != "trials"}
+        restate(path, table, {"format": 1, **source})
+    newer = 0
+    for path in other.glob("part-*"):
+        about, table = results.read_table(path)
+        newer += len(table)
+        restate(path, table, {**about, "format": results.FORMAT_VERSION + 1})
+    said = run.again()
+    assert said.code == 0, said.err
+    assert f"{newer} trials run, {4 * N_TRIALS - newer} found done" in said.out
+    assert f"format {results.FORMAT_VERSION + 1} is of a newer mppi-belief" in said.err
+    assert one.name not in said.err
+    hashes = {cell.name: results.result_hash(results.read_rows(cell)) for cell in run.root.iterdir()}
+    assert hashes == undisturbed.hashes
+
+
+def restate(path, table: pa.Table, about: dict) -> None:
+    pq.write_table(table.replace_schema_metadata({b"mppi-belief": json.dumps(about)}), path)
+
+
+def test_results_of_another_algorithm_are_in_other_folders(undisturbed, monkeypatch):
+    """The same configuration, when it would give other numbers, is another cell."""
+    folder = next(undisturbed.root.iterdir())
+    config = results.read_table(next(folder.glob("part-*")))[0]["sources"][0]["config"]
+    assert plan.Cell(config).id == folder.name
+    monkeypatch.setattr(plan, "ALGORITHM_VERSION", plan.ALGORITHM_VERSION - 1)
+    assert plan.Cell(config).id != folder.name

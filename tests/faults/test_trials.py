@@ -1,0 +1,115 @@
+"""Trials that raise, diverge, hang or kill their worker: written down as such, and no other trial is touched."""
+
+import math
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from cli_helpers import PLANNER
+from fault_work import HERE, unpicklable
+from faults_helpers import Ended, Run
+from mppi_belief.report.summary import summary
+from mppi_belief.study.lanes import Lanes
+from mppi_belief.study.plan import Cell, Chunk
+from mppi_belief.study.pool import Pool
+from mppi_belief.study.results import read_table, result_hash
+from mppi_belief.study.worker import Lost, Setup
+from study_helpers import TESTS, config
+
+MINE = str(Path(__file__).parent / "mine")
+N_TRIALS, UNLUCKY = 12, 3
+STATUS = {"nan": "diverged", "inf": "diverged", "raises": "error", "kills": "crashed", "hangs": "timeout"}
+WITHOUT_RESULT = ("error", "crashed", "timeout")
+
+
+def study(*fates: str, n_trials: int = N_TRIALS, seconds: float = 20) -> tuple[str, ...]:
+    """One cell for every fate."""
+    swept = f"controller.fate={','.join(fates)}"
+    small = ("system=scalar_linear", *PLANNER, f"n_trials={n_trials}", f"trial_timeout={seconds}")
+    return ("-m", "--config-dir", MINE, "controller=unlucky", swept, *small)
+
+
+def by_fate(run: Run) -> dict[str, pd.DataFrame]:
+    """The rows of each cell."""
+    found = {}
+    for cell in run.root.iterdir():
+        config = read_table(next(cell.glob("part-*")))[0]["sources"][0]["config"]
+        found[config["controller"]["fate"]] = run.rows()[cell.name]
+    return found
+
+
+@pytest.fixture(scope="module")
+def night(tmp_path_factory) -> tuple[Run, Ended]:
+    """All fates in one study."""
+    run = Run(tmp_path_factory.mktemp("night"), *study("nothing", *STATUS))
+    return run, run.again()
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("fate", STATUS)
+def test_one_unlucky_trial_has_its_status_and_all_others_are_the_same_bits(night, fate):
+    run, said = night
+    assert said.code == 3
+    rows, lucky = by_fate(run)[fate], by_fate(run)["nothing"]
+    assert rows["trial"].tolist() == list(range(N_TRIALS))
+    bad = rows[rows["status"] != "ok"]
+    assert list(zip(bad["trial"], bad["status"], strict=True)) == [(UNLUCKY, STATUS[fate])]
+    assert bad["error"].iloc[0]
+    others = rows["trial"] != UNLUCKY
+    assert result_hash(rows[others]) == result_hash(lucky[others])
+
+
+@pytest.mark.long
+def test_every_kind_is_said_in_lines_of_their_own_and_there_is_no_traceback(night):
+    _, said = night
+    assert "Traceback" not in said.err
+    for status, count in {"diverged": 2, "error": 1, "crashed": 1, "timeout": 1}.items():
+        lines = [line for line in said.err.splitlines() if f": 1 {status}, e.g. trial {UNLUCKY}: " in line]
+        assert len(lines) == count
+        assert all(len(line) < 300 for line in lines)
+
+
+@pytest.mark.long
+def test_what_has_no_result_is_counted_and_never_averaged_in(night):
+    run, said = night
+    for fate, rows in by_fate(run).items():
+        found, good = summary(rows, None), rows[rows["status"] == "ok"]
+        assert (found.trials, found.failed) == (N_TRIALS, int(fate != "nothing"))
+        assert found.cost.value == pytest.approx(good["cost"].mean(), rel=1e-12)
+        assert math.isfinite(found.cost.value)
+    assert said.out.count(f"{N_TRIALS} (1 failed)") == len(STATUS)
+
+
+@pytest.mark.long
+def test_the_same_command_finds_all_done_and_retry_failed_runs_what_has_no_result(night):
+    run, _ = night
+    before = run.hashes()
+    again = run.again()
+    assert again.code == 3
+    assert f"0 trials run, {6 * N_TRIALS} found done" in again.out
+    retried = run.again("--retry-failed")
+    count = sum(status in WITHOUT_RESULT for status in STATUS.values())
+    assert f"{count} trials run, {6 * N_TRIALS - count} found done" in retried.out
+    assert retried.code == 3
+    assert run.hashes() == before
+
+
+@pytest.mark.long
+def test_a_trial_that_holds_all_threads_is_ended_from_outside(tmp_path):
+    """After its time and half a minute; there, a chunk is one trial."""
+    run = Run(tmp_path, *study("holds", n_trials=4, seconds=5))
+    said = run.again()
+    assert said.code == 3
+    (rows,) = run.rows().values()
+    assert rows["status"].tolist() == ["ok", "ok", "ok", "timeout"]
+
+
+def test_an_exception_that_cannot_be_unpickled_is_the_trials_own():
+    """It would pass for the death of the worker: only its words come back."""
+    log: list[str] = []
+    pool = Pool(unpicklable, Lanes(1, Setup([TESTS, HERE], {})), log.append)
+    done = [*pool.run([Chunk(Cell(config()), (0, 1, 2))])]
+    pool.close()
+    assert [one.outcome for one in done] == [[0], Lost("error", "Unpicklable: two words"), [2]]
+    assert log == []
