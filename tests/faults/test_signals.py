@@ -8,6 +8,7 @@ import time
 import pytest
 
 from faults_helpers import N_TRIALS, STOPPED, Run, begins, gone_after, when
+from mppi_belief.study.signals import held, polite_stop
 from study_helpers import poll
 
 
@@ -88,3 +89,14 @@ def test_signals_while_it_computes_and_the_same_command_again(numbers, group, tm
     assert said.code == 0
     assert f"{4 * N_TRIALS - found} trials run, {found} found done" in said.out
     assert run.hashes() == undisturbed.hashes
+
+
+def test_two_different_signals_that_have_waited_count_as_one():
+    """They come in together, before anything could end at once."""
+    asked: list[bool] = []
+    with held():
+        for number in STOPPED:
+            os.kill(os.getpid(), number)
+        with polite_stop(lambda: asked.append(True)) as stop:
+            assert asked == [True]
+            assert not stop.at_once

@@ -19,7 +19,15 @@ from study_helpers import TESTS, config
 
 MINE = str(Path(__file__).parent / "mine")
 N_TRIALS, UNLUCKY = 12, 3
-STATUS = {"nan": "diverged", "inf": "diverged", "raises": "error", "kills": "crashed", "hangs": "timeout"}
+STATUS = {"becomes_nan": "diverged", "becomes_inf": "diverged", "raises": "error", "kills": "crashed", "hangs": "timeout"}
+DIVERGED = "the state or the cost left the finite numbers"
+SAID = {
+    "becomes_nan": DIVERGED,
+    "becomes_inf": DIVERGED,
+    "raises": "ValueError: this trial is cursed",
+    "kills": "the worker process died 2 times in this trial",
+    "hangs": "not done after 20 s",
+}
 WITHOUT_RESULT = ("error", "crashed", "timeout")
 
 
@@ -55,15 +63,14 @@ def test_one_unlucky_trial_has_its_status_and_all_others_are_the_same_bits(night
     assert rows["trial"].tolist() == list(range(N_TRIALS))
     bad = rows[rows["status"] != "ok"]
     assert list(zip(bad["trial"], bad["status"], strict=True)) == [(UNLUCKY, STATUS[fate])]
-    assert bad["error"].iloc[0]
+    assert bad["error"].iloc[0] == SAID[fate]
     others = rows["trial"] != UNLUCKY
     assert result_hash(rows[others]) == result_hash(lucky[others])
 
 
 @pytest.mark.long
-def test_every_kind_is_said_in_lines_of_their_own_and_there_is_no_traceback(night):
+def test_every_kind_is_said_in_a_line_of_its_own(night):
     _, said = night
-    assert "Traceback" not in said.err
     for status, count in {"diverged": 2, "error": 1, "crashed": 1, "timeout": 1}.items():
         lines = [line for line in said.err.splitlines() if f": 1 {status}, e.g. trial {UNLUCKY}: " in line]
         assert len(lines) == count

@@ -53,7 +53,7 @@ def run_trials(config: dict[str, Any], trials: Sequence[int], kept: int = KEPT_P
         for together in batches(trials, config["batch"]):
             for trial, outcome in _outcomes(parts, config, together):
                 if isinstance(outcome, Exception):
-                    rows.append(failed_row(config, trial, "error", f"{type(outcome).__name__}: {outcome}"))
+                    rows.append(failed_row(config, trial, "error", _reason(outcome)))
                     continue
                 judged, result = outcome
                 rows.append(_row(config, trial, judged, result))
@@ -98,6 +98,12 @@ def _row(config: dict[str, Any], trial: int, judged: Metrics, result: Trial) -> 
     finite = bool(np.all(np.isfinite(result.states)) and np.isfinite(values["cost"]))
     status, error = ("ok", None) if finite else ("diverged", "the state or the cost left the finite numbers")
     return {**_labels(config, trial, status), **values, "steps": len(result.controls), "error": error}
+
+
+def _reason(error: Exception) -> str:
+    """What an exception says; a callback's comes with a traceback, which differs with whoever runs it and where."""
+    text = f"{type(error).__name__}: {error}".strip()
+    return text.splitlines()[-1] if "Traceback (most recent call last)" in text else text
 
 
 def failed_row(config: dict[str, Any], trial: int, status: str, error: str) -> dict[str, Any]:

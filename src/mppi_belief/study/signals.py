@@ -17,6 +17,7 @@ class Stop:
 
     number: int | None = None
     at_once: bool = False
+    open: bool = False  # whether a second one is let in
 
 
 @contextmanager
@@ -33,22 +34,28 @@ def held() -> Iterator[None]:
 
 @contextmanager
 def polite_stop(on_first: Callable[[], None]) -> Iterator[Stop]:
-    """Call `on_first` at the first signal, raise `StoppedAtOnce` at the second; what was before is put back."""
+    """Call `on_first` at the first signal, raise `StoppedAtOnce` at the second, which ends no more than the block; what
+    was before is put back."""
     stop = Stop()
 
     def handle(number: int, frame: FrameType | None) -> None:
         if stop.number is None:
             stop.number = number
             on_first()
-        elif not stop.at_once:
+        elif stop.open and not stop.at_once:
             stop.at_once = True
             raise StoppedAtOnce
 
     handlers = {number: signal.signal(number, handle) for number in STOPPING}
+    # two that have waited count as one, and one that comes when all is over as none
     mask = signal.pthread_sigmask(signal.SIG_UNBLOCK, STOPPING)
     try:
+        stop.open = True
         yield stop
+    except StoppedAtOnce:
+        pass
     finally:
+        stop.open = False
         signal.pthread_sigmask(signal.SIG_SETMASK, mask)
         for number, handler in handlers.items():
             signal.signal(number, handler)

@@ -36,7 +36,7 @@ def suffer(fate: str) -> np.float32:
 class Unlucky:
     """u = -mean / 2, until the first step of one trial of seed 0."""
 
-    fate: str = mb.choice("nothing", "raises", "kills", "hangs", "holds", "nan", "inf")
+    fate: str = mb.choice("nothing", "raises", "kills", "hangs", "holds", "becomes_nan", "becomes_inf")
     trial: int = mb.size(3, ge=0)
 
     def init(self, problem: mb.Problem) -> tuple[()]:
@@ -46,8 +46,8 @@ class Unlucky:
         u = -0.5 * belief.mean
         theirs = jax.random.fold_in(role_key(0, self.trial, PLANNER), 0)
         now = jnp.all(jax.random.key_data(key) == jax.random.key_data(theirs))
-        if self.fate in ("nan", "inf"):
-            u = jnp.where(now, float(self.fate), u)
+        if self.fate.startswith("becomes_"):
+            u = jnp.where(now, float(self.fate.removeprefix("becomes_")), u)
         elif self.fate != "nothing":
             shape = jax.ShapeDtypeStruct((), jnp.float32)
             u = u + jax.lax.cond(now, lambda: jax.pure_callback(lambda: suffer(self.fate), shape), lambda: 0.0)
