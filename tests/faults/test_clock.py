@@ -13,7 +13,7 @@ import pytest
 from faults_helpers import Run
 from mppi_belief.study import results
 
-BACKWARDS = '''
+BACKWARDS = """
 import datetime, time
 
 told = [time.time()]
@@ -29,7 +29,7 @@ class Backwards(datetime.datetime):
 
 time.time, time.time_ns = earlier, lambda: int(earlier() * 1e9)
 datetime.datetime = Backwards
-'''
+"""
 
 
 @pytest.mark.long

@@ -79,6 +79,7 @@ def shown(said: str) -> list[str]:
     return [line.rstrip("\r").rpartition("\r")[2].rstrip() for line in said.split("\n")]
 
 
+@pytest.mark.long
 def test_without_a_terminal_it_is_quiet_but_for_events(tmp_path, undisturbed):
     """No bar; each event is one line, the table is the output's."""
     run = Run(tmp_path)

@@ -1,5 +1,6 @@
 """The process that leads a study is killed, at any instant: its workers follow, the same command goes on."""
 
+import os
 import random
 import signal
 import time
@@ -11,9 +12,13 @@ from study_helpers import poll
 
 
 def test_no_worker_outlives_its_parent_and_the_same_command_goes_on(tmp_path, undisturbed):
+    """A worker is killed before, while it starts."""
     run = Run(tmp_path)
     with run.begun() as process:
+        when(lambda: len(workers_of(process.pid)) == 2, process)
+        os.kill(workers_of(process.pid)[0], signal.SIGKILL)
         when(lambda: len(run.parts()) > 1, process)
+        assert "worker died; running" in run.err
         assert len(workers_of(process.pid)) == 2
         process.kill()
         process.wait(10)

@@ -61,13 +61,14 @@ def test_every_tenth_of_the_start_up_can_be_interrupted(tmp_path, seconds):
         assert interrupt(run, tenth * 0.2, signal.SIGTERM if tenth % 2 else signal.SIGINT) in (130, 143)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("numbers", "group"),
     [
         ((signal.SIGINT,), True),
-        pytest.param((signal.SIGTERM,), False, marks=pytest.mark.long),
+        ((signal.SIGTERM,), False),
         ((signal.SIGINT, signal.SIGINT), True),
-        pytest.param((signal.SIGTERM, signal.SIGINT), True, marks=pytest.mark.long),
+        ((signal.SIGTERM, signal.SIGINT), True),
     ],
 )
 def test_signals_while_it_computes_and_the_same_command_again(numbers, group, tmp_path, undisturbed):

@@ -19,7 +19,13 @@ from study_helpers import TESTS, config
 
 MINE = str(Path(__file__).parent / "mine")
 N_TRIALS, UNLUCKY = 12, 3
-STATUS = {"becomes_nan": "diverged", "becomes_inf": "diverged", "raises": "error", "kills": "crashed", "hangs": "timeout"}
+STATUS = {
+    "becomes_nan": "diverged",
+    "becomes_inf": "diverged",
+    "raises": "error",
+    "kills": "crashed",
+    "hangs": "timeout",
+}
 DIVERGED = "the state or the cost left the finite numbers"
 SAID = {
     "becomes_nan": DIVERGED,

@@ -31,7 +31,8 @@ def kill_a_worker_at_its_start_and_one_that_computes(run: Run, workers: int) -> 
         return process.wait(300), run.err
 
 
-@pytest.mark.parametrize("workers", [pytest.param(1, marks=pytest.mark.long), 2])
+@pytest.mark.long
+@pytest.mark.parametrize("workers", [1, 2])
 def test_workers_that_are_killed_cost_nothing_but_time(workers, tmp_path, undisturbed):
     run = Run(tmp_path)
     code, err = kill_a_worker_at_its_start_and_one_that_computes(run, workers)
