@@ -19,21 +19,15 @@ from study_helpers import TESTS, config
 
 MINE = str(Path(__file__).parent / "mine")
 N_TRIALS, UNLUCKY = 12, 3
-STATUS = {
-    "becomes_nan": "diverged",
-    "becomes_inf": "diverged",
-    "raises": "error",
-    "kills": "crashed",
-    "hangs": "timeout",
-}
-DIVERGED = "the state or the cost left the finite numbers"
-SAID = {
+DIVERGED = ("diverged", "the state or the cost left the finite numbers")
+ENDS = {
     "becomes_nan": DIVERGED,
     "becomes_inf": DIVERGED,
-    "raises": "ValueError: this trial is cursed",
-    "kills": "the worker process died 2 times in this trial",
-    "hangs": "not done after 20 s",
+    "raises": ("error", "ValueError: this trial is cursed"),
+    "kills": ("crashed", "the worker process died 2 times in this trial"),
+    "hangs": ("timeout", "not done after 20 s"),
 }
+STATUS = {fate: status for fate, (status, _) in ENDS.items()}
 WITHOUT_RESULT = ("error", "crashed", "timeout")
 
 
@@ -69,7 +63,7 @@ def test_one_unlucky_trial_has_its_status_and_all_others_are_the_same_bits(night
     assert rows["trial"].tolist() == list(range(N_TRIALS))
     bad = rows[rows["status"] != "ok"]
     assert list(zip(bad["trial"], bad["status"], strict=True)) == [(UNLUCKY, STATUS[fate])]
-    assert bad["error"].iloc[0] == SAID[fate]
+    assert bad["error"].iloc[0] == ENDS[fate][1]
     others = rows["trial"] != UNLUCKY
     assert result_hash(rows[others]) == result_hash(lucky[others])
 
