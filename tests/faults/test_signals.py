@@ -97,7 +97,7 @@ def test_two_different_signals_that_have_waited_count_as_one():
     asked: list[bool] = []
     with held():
         for number in STOPPED:
-            os.kill(os.getpid(), number)
+            signal.raise_signal(number)
         with polite_stop(lambda: asked.append(True)) as stop:
             assert asked == [True]
             assert not stop.at_once
