@@ -49,7 +49,7 @@ def test_the_algebraic_solution_stands_still(n, p, stable, x64, rng):
 def test_riccati_rate_is_the_derivative_of_the_flow(x64, rng):
     A, Q, C, R_o = random_system(rng, 4, 2, stable=True)
     cov, h = random_spd(rng, 4), 1e-6
-    slope = (riccati_step(cov, A, Q, C, R_o, h) - riccati_step(cov, A, Q, C, R_o, -h)) / (2 * h)
+    slope = (4 * riccati_step(cov, A, Q, C, R_o, h) - riccati_step(cov, A, Q, C, R_o, 2 * h) - 3 * cov) / (2 * h)
     np.testing.assert_allclose(riccati_rate(cov, A, Q, C, R_o), slope, rtol=1e-7, atol=1e-7)
 
 

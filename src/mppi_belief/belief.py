@@ -15,8 +15,8 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from .discretise import euler_step, measurement_cov, measurement_intensity, process_cov
-from .linalg import psd_factor, spd_inverse, symmetrise
+from .discretise import euler_step, measurement_cov, measurement_intensity
+from .linalg import decorrelated, psd_factor, semidefinite_root, symmetrise, triangular_root
 from .problem import Belief, Problem
 
 
@@ -40,29 +40,57 @@ def prior(problem: Problem) -> Belief:
 
 def predict(problem: Problem, belief: Belief, u: Array) -> Belief:
     """The belief one step later, before the measurement; u (nu,)."""
+    mean, root = _ahead(problem, belief.mean, semidefinite_root(belief.cov), u)
+    return Belief(mean, covariance(root))
+
+
+def _ahead(problem: Problem, mean: Array, root: Array, u: Array) -> tuple[Array, Array]:
+    """Mean and root one step later: F Sigma F' + Q dt is the square of [F root, H sqrt(dt)]."""
     system, dt = problem.system, problem.dt
-    F = jax.jacfwd(lambda x: euler_step(system, x, u, dt))(belief.mean)
-    return Belief(euler_step(system, belief.mean, u, dt), symmetrise(F @ belief.cov @ F.T) + process_cov(system, dt))
+    F = jax.jacfwd(lambda x: euler_step(system, x, u, dt))(mean)
+    return euler_step(system, mean, u, dt), triangular_root(jnp.hstack([F @ root, system.H * jnp.sqrt(dt)]))
 
 
-def kalman_gain(cov: Array, C: Array, R_s: Array) -> tuple[Array, Array]:
-    """Gain K = Sigma C' S^-1 (nx, ny) and innovation covariance S = C Sigma C' + R_s (ny, ny)."""
-    S = symmetrise(C @ cov @ C.T) + R_s
-    return cov @ C.T @ spd_inverse(S), S
+def covariance(root: Array) -> Array:
+    """root root' (nx, nx), semidefinite on its own scale whatever the root."""
+    return symmetrise(root @ root.T)
 
 
-def joseph(cov: Array, C: Array, R_s: Array, K: Array) -> Array:
-    """Posterior covariance (I - K C) Sigma (I - K C)' + K R_s K'; PSD up to the rounding of its two terms."""
-    keep = jnp.eye(cov.shape[0], dtype=cov.dtype) - K @ C
-    return symmetrise(keep @ cov @ keep.T + K @ R_s @ K.T)
+def absorb(root: Array, C: Array, R_s: Array) -> tuple[Array, Array, Array]:
+    """What measurements C x (ny,) with noise R_s make of a covariance root root': its new root, the gain
+    K (nx, ny), and how the innovations move the mean, columns (nx, ny) with squares that add up to K S K'.
+
+    One measurement after another, made independent first, with no matrix to invert (Potter 1963):
+    v = root' c, s = v'v + r, k = root v / s, root <- root - k v' / (1 + sqrt(r / s)).
+    """
+    T, variances = decorrelated(R_s)
+    K, moves = jnp.zeros((len(root), 0), root.dtype), []
+    for c, r in zip(T @ C, variances, strict=True):
+        v = c @ root
+        s = v @ v + r
+        k = root @ v / s
+        root = root - k[:, None] * v / (1 + jnp.sqrt(r / s))
+        K = jnp.column_stack([K - k[:, None] * (c @ K), k])
+        moves.append(k * jnp.sqrt(s))
+    return root, K @ T, jnp.stack(moves, axis=1)
 
 
 def correct(problem: Problem, belief: Belief, y: Array) -> Belief:
     """The belief after the measurement y (ny,), its noise taken at the predicted mean."""
-    c, R_s = problem.system.c, measurement_cov(problem.system, belief.mean, problem.dt)
-    C = jax.jacfwd(c)(belief.mean)
-    K, _ = kalman_gain(belief.cov, C, R_s)
-    return Belief(belief.mean + K @ (y - c(belief.mean)), joseph(belief.cov, C, R_s, K))
+    mean, root, K, _ = _measured(problem, belief.mean, semidefinite_root(belief.cov))
+    return Belief(mean + K @ (y - problem.system.c(mean)), covariance(root))
+
+
+def _measured(problem: Problem, mean: Array, root: Array) -> tuple[Array, Array, Array, Array]:
+    """The mean as it is, and what `absorb` makes of a measurement expected there."""
+    C, R_s = jax.jacfwd(problem.system.c)(mean), measurement_cov(problem.system, mean, problem.dt)
+    return mean, *absorb(root, C, R_s)
+
+
+def update(problem: Problem, belief: Belief, u: Array, y: Array) -> Belief:
+    """`predict`, then `correct`, without the covariance between them."""
+    mean, root, K, _ = _measured(problem, *_ahead(problem, belief.mean, semidefinite_root(belief.cov), u))
+    return Belief(mean + K @ (y - problem.system.c(mean)), covariance(root))
 
 
 def riccati_rate(cov: Array, A: Array, Q: Array, C: Array, R_o: Array) -> Array:
@@ -73,36 +101,59 @@ def riccati_rate(cov: Array, A: Array, Q: Array, C: Array, R_o: Array) -> Array:
 
 def kalman_bucy(cov: Array, C: Array, R_o: Array) -> tuple[Array, Array]:
     """Gain K = Sigma C' R_o^-1 of (8a) and diffusion D = K R_o K' of (9)."""
-    K = cov @ C.T @ spd_inverse(R_o)
-    return K, symmetrise(K @ R_o @ K.T)
+    T, r = decorrelated(R_o)
+    moves = cov @ (T @ C).T / jnp.sqrt(r)
+    return moves / jnp.sqrt(r) @ T, covariance(moves)
 
 
 def riccati_step(cov: Array, A: Array, Q: Array, C: Array, R_o: Array, dt: Array | float) -> Array:
-    """(8b)(11) solved exactly over dt with frozen coefficients.
+    """(8b)(11) solved over dt with frozen coefficients, see `riccati_root`; Q (nx, nx)."""
+    return covariance(riccati_root(semidefinite_root(cov), A, Q, C, R_o, dt))
+
+
+def riccati_root(root: Array, A: Array, Q: Array, C: Array, R_o: Array, dt: Array | float) -> Array:
+    """The root (nx, nx) of the solution of (8b)(11) over dt with frozen coefficients, exact but for rounding.
 
     The Hamiltonian flow (Davison and Maki 1973) over dt / 2^s, written as the map
     Sigma -> W + F Sigma (I + J Sigma)^-1 F', which is then composed with itself s times: unlike the
-    flow, the map stays bounded however well the state is seen.
+    flow, the map stays bounded however well the state is seen. (I + J Sigma)^-1 is what a measurement of
+    information J does, so the map keeps roots throughout.
     """
-    n = cov.shape[0]
-    eye = jnp.eye(n, dtype=cov.dtype)
-    rate = jnp.block([[-A.T, C.T @ spd_inverse(R_o) @ C], [Q, A]]) * dt
-    doublings = jnp.clip(jnp.ceil(jnp.log2(2 * jnp.max(jnp.sum(jnp.abs(rate), axis=0)))), 0, 120)
+    n = root.shape[0]
+    eye = jnp.eye(n, dtype=root.dtype)
+    T, r = decorrelated(R_o)
+    whitened = T @ C / jnp.sqrt(r)[:, None]
+    Q, J = Q * dt, whitened.T @ whitened * dt
+    norm = jnp.maximum(jnp.maximum(_norm(A * dt), jnp.sqrt(_norm(Q)) * jnp.sqrt(_norm(J))), 0.25)
+    unit = _unit(norm, _norm(J))
+    rate = jnp.block([[-A.T * dt, J * unit**2], [Q / unit**2, A * dt]])
+    doublings = jnp.clip(jnp.ceil(jnp.log2(4 * norm)), 0, 120)
     flow = jax.scipy.linalg.expm(rate / 2**doublings)
     top = jnp.linalg.inv(flow[:n, :n])
 
     def double(_: Array, map: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
-        F, J, W = map
-        between = F @ jnp.linalg.inv(eye + W @ J)
+        F, N, V = map  # J = N N', W = V V'
+        seen, K, _ = absorb(V, N.T, eye)
         return (
-            between @ F,
-            symmetrise(J + F.T @ J @ jnp.linalg.solve(eye + W @ J, F)),
-            symmetrise(W + between @ W @ F.T),
+            F @ (F - K @ (N.T @ F)),
+            triangular_root(jnp.hstack([N, F.T @ absorb(N, V.T, eye)[0]])),
+            triangular_root(jnp.hstack([V, F @ seen])),
         )
 
-    start = (top.T, symmetrise(top @ flow[:n, n:]), symmetrise(flow[n:, :n] @ top))
-    F, J, W = jax.lax.fori_loop(0, doublings.astype(int), double, start)
-    return symmetrise(W + F @ cov @ jnp.linalg.solve(eye + J @ cov, F.T))
+    N, V = semidefinite_root(symmetrise(top @ flow[:n, n:])), semidefinite_root(symmetrise(flow[n:, :n] @ top))
+    F, N, V = jax.lax.fori_loop(0, doublings.astype(int), double, (top.T, N, V))
+    return triangular_root(jnp.hstack([V, F @ absorb(root / unit, N.T, eye)[0]])) * unit
+
+
+def _norm(M: Array) -> Array:
+    return jnp.max(jnp.sum(jnp.abs(M), axis=0))
+
+
+def _unit(norm: Array, information: Array) -> Array:
+    """A unit of the state in which information counts as much as the other rates (a power of two, so exact): halved
+    as often as a larger block needs, a smaller one would lose its digits."""
+    known = information > 0
+    return 2.0 ** jnp.where(known, jnp.round(0.5 * (jnp.log2(norm) - jnp.log2(jnp.where(known, information, 1.0)))), 0)
 
 
 def gain_schedule(
@@ -116,35 +167,30 @@ def gain_schedule(
     """
     step = {"filter": _filter_schedule_step, "riccati": _riccati_schedule_step}[method]
 
-    def advance(at: Belief, given: tuple[Array, Array | None]) -> tuple[Belief, tuple[Belief, Array, Array]]:
-        u, mean = given
-        after, gain, diffusion = step(problem, at, u)
-        after = after if mean is None else after._replace(mean=mean)
-        return after, (after, gain, diffusion)
+    def advance(at: tuple[Array, Array], given: tuple[Array, Array | None]) -> tuple[tuple[Array, Array], tuple]:
+        u, replaced = given
+        mean, root, gain, diffusion = step(problem, *at, u)
+        mean = mean if replaced is None else replaced
+        return (mean, root), (mean, covariance(root), gain, diffusion)
 
-    start = Belief(belief.mean, belief.cov)  # a filter's belief may hold more
-    _, (after, gain, diffusion) = jax.lax.scan(advance, start, (controls, means))
-    mean = jnp.concatenate([belief.mean[None], after.mean])
-    cov = jnp.concatenate([belief.cov[None], after.cov])
+    start = belief.mean, semidefinite_root(belief.cov)
+    _, (mean, cov, gain, diffusion) = jax.lax.scan(advance, start, (controls, means))
+    mean, cov = jnp.concatenate([belief.mean[None], mean]), jnp.concatenate([belief.cov[None], cov])
     return GainSchedule(mean, cov, gain, diffusion)
 
 
-def _filter_schedule_step(problem: Problem, at: Belief, u: Array) -> tuple[Belief, Array, Array]:
-    ahead = predict(problem, at, u)
-    C = jax.jacfwd(problem.system.c)(ahead.mean)
-    R_s = measurement_cov(problem.system, ahead.mean, problem.dt)
-    K, S = kalman_gain(ahead.cov, C, R_s)
-    return Belief(ahead.mean, joseph(ahead.cov, C, R_s, K)), K, symmetrise(K @ S @ K.T) / problem.dt
+def _filter_schedule_step(problem: Problem, mean: Array, root: Array, u: Array) -> tuple[Array, Array, Array, Array]:
+    mean, root, K, moves = _measured(problem, *_ahead(problem, mean, root, u))
+    return mean, root, K, covariance(moves) / problem.dt
 
 
-def _riccati_schedule_step(problem: Problem, at: Belief, u: Array) -> tuple[Belief, Array, Array]:
+def _riccati_schedule_step(problem: Problem, mean: Array, root: Array, u: Array) -> tuple[Array, Array, Array, Array]:
     system, dt = problem.system, problem.dt
-    A = jax.jacfwd(lambda x: system.f(x) + system.G(x) @ u)(at.mean)
-    C = jax.jacfwd(system.c)(at.mean)
-    R_o = measurement_intensity(system, at.mean, dt)
-    K, D = kalman_bucy(at.cov, C, R_o)
-    cov = riccati_step(at.cov, A, system.H @ system.H.T, C, R_o, dt)
-    return Belief(euler_step(system, at.mean, u, dt), cov), K, D
+    A = jax.jacfwd(lambda x: system.f(x) + system.G(x) @ u)(mean)
+    C = jax.jacfwd(system.c)(mean)
+    R_o = measurement_intensity(system, mean, dt)
+    K, D = kalman_bucy(covariance(root), C, R_o)
+    return euler_step(system, mean, u, dt), riccati_root(root, A, system.H @ system.H.T, C, R_o, dt), K, D
 
 
 def diffusion_factors(schedule: GainSchedule) -> tuple[Array, Array]:

@@ -1,4 +1,4 @@
-"""Small matrices, many at a time: explicit inverses, factors with a numerical rank, quadratic forms.
+"""Small matrices, many at a time: explicit inverses, roots and factors, quadratic forms.
 
 LAPACK calls cost more than the arithmetic for the 1x1 and 2x2 blocks met in every planning step, so
 those are written out; larger ones go to LAPACK. Products with a vector that differs from sample to
@@ -67,6 +67,55 @@ def psd_factor(M: Array) -> tuple[Array, Array]:
     cutoff = M.shape[-1] * jnp.finfo(M.dtype).eps * jnp.max(jnp.abs(values))
     kept = values > cutoff
     return vectors * jnp.sqrt(jnp.where(kept, values, 0.0)), jnp.sum(kept)
+
+
+def semidefinite_root(M: Array) -> Array:
+    """L (n, n) with L L' = M, positive semidefinite, up to the rounding of M in the units of each of its components.
+
+    Cholesky with complete pivoting (Higham 1990) of the correlations: what is left of a component's variance below
+    n * eps of it counts as zero. A matrix that is not finite has no finite root.
+    """
+    n, variances = M.shape[-1], jnp.diagonal(M)
+    units = jnp.where(variances == 0, 1.0, variances)
+    columns = []
+    for _ in range(n):
+        left = jnp.diagonal(M) / units
+        chosen = jnp.arange(n) == jnp.argmax(left)
+        pivot = jnp.max(left)
+        column = jnp.sum(jnp.where(chosen, M, 0.0), axis=1)
+        unit = jnp.sum(jnp.where(chosen, units, 0.0))
+        scale = jnp.sqrt(jnp.where(pivot <= n * jnp.finfo(M.dtype).eps, jnp.inf, pivot)) * jnp.sqrt(unit)
+        columns.append(column / scale)
+        M = M - columns[-1][:, None] * columns[-1]
+    return jnp.stack(columns, axis=1)
+
+
+def triangular_root(M: Array) -> Array:
+    """Lower triangular L (n, n) with L L' = M M' for M (n, m), by Gram-Schmidt on the rows.
+
+    M M' is never formed, so what is small beside terms that cancel keeps its digits.
+    """
+    columns = []
+    for j in range(M.shape[0]):
+        length = jnp.sqrt(jnp.sum(M[j] * M[j]))
+        direction = M[j] / jnp.where(length == 0, 1.0, length)
+        columns.append(M @ direction)
+        M = M - columns[-1][:, None] * direction
+    return jnp.stack(columns, axis=1)
+
+
+def decorrelated(R: Array) -> tuple[Array, Array]:
+    """T (n, n), unit lower triangular, and variances r (n,) with T R T' = diag(r), for definite R (n, n).
+
+    A variance is at least what the rounding of R leaves uncertain, eps of it.
+    """
+    n = R.shape[-1]
+    T, r = jnp.eye(n, dtype=R.dtype), [R[0, 0]]
+    for j in range(1, n):
+        slopes = (T[:j] @ R[:, j]) / jnp.stack(r)
+        T = T.at[j].add(-slopes @ T[:j])
+        r.append(jnp.maximum(T[j] @ R[:, j], R[j, j] * jnp.finfo(R.dtype).eps))
+    return T, jnp.stack(r)
 
 
 def as_matrix(weight: Array) -> Array:

@@ -15,4 +15,4 @@ class EKF:
         return gaussian.prior(problem)
 
     def update(self, problem: Problem, belief: Belief, u: Array, y: Array, key: Array) -> Belief:
-        return gaussian.correct(problem, gaussian.predict(problem, belief, u), y)
+        return gaussian.update(problem, belief, u, y)
