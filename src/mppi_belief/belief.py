@@ -60,16 +60,21 @@ def absorb(root: Array, C: Array, R_s: Array) -> tuple[Array, Array, Array]:
     """What measurements C x (ny,) with noise R_s make of a covariance root root': its new root, the gain
     K (nx, ny), and how the innovations move the mean, columns (nx, ny) with squares that add up to K S K'.
 
-    One measurement after another, made independent first, with no matrix to invert (Potter 1963):
-    v = root' c, s = v'v + r, k = root v / s, root <- root - k v' / (1 + sqrt(r / s)).
+    One measurement after another, made independent first, with no matrix to invert (Potter 1963): with v = root' c and
+    s = v'v + r the gain is root v / s, and the root shrinks by sqrt(r / s) along v.
     """
     T, variances = decorrelated(R_s)
     K, moves = jnp.zeros((len(root), 0), root.dtype), []
     for c, r in zip(T @ C, variances, strict=True):
         v = c @ root
-        s = v @ v + r
-        k = root @ v / s
-        root = root - k[:, None] * v / (1 + jnp.sqrt(r / s))
+        squared = v @ v
+        s = squared + r
+        v = v / jnp.where(squared == 0, 1.0, jnp.sqrt(squared))
+        seen = root @ v
+        root = root - seen[:, None] * v
+        root = root - (root @ v)[:, None] * v  # what rounding left along v, as large as what is to stay of it
+        root = root + jnp.sqrt(r / s) * seen[:, None] * v
+        k = seen * (jnp.sqrt(squared) / s)
         K = jnp.column_stack([K - k[:, None] * (c @ K), k])
         moves.append(k * jnp.sqrt(s))
     return root, K @ T, jnp.stack(moves, axis=1)

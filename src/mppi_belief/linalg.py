@@ -95,12 +95,13 @@ def triangular_root(M: Array) -> Array:
 
     M M' is never formed, so what is small beside terms that cancel keeps its digits.
     """
-    columns = []
-    for j in range(M.shape[0]):
-        length = jnp.sqrt(jnp.sum(M[j] * M[j]))
-        direction = M[j] / jnp.where(length == 0, 1.0, length)
-        columns.append(M @ direction)
-        M = M - columns[-1][:, None] * direction
+    n, columns = M.shape[0], []
+    for j in range(n):
+        length = jnp.sqrt(jnp.sum(M[0] * M[0]))
+        direction, rest = M[0] / jnp.where(length == 0, 1.0, length), M[1:]
+        along = rest @ direction
+        columns.append(jnp.concatenate([jnp.zeros(j, M.dtype), length[None], along]))
+        M = rest - along[:, None] * direction
     return jnp.stack(columns, axis=1)
 
 

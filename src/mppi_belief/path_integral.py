@@ -129,20 +129,30 @@ def girsanov(nominal: Array, increments: Array, weight: Array) -> Array:
 
 def weights(costs: Array, temperature: Array | float) -> Array:
     """Normalised importance weights (N,), by log-sum-exp; a path whose cost is not finite weighs nothing,
-    and all weigh the same if none is finite."""
+    so all are zero if none is finite. The least cost is taken off before the division, which may overflow."""
     usable = jnp.isfinite(costs)
-    scores = jnp.where(usable, -costs / temperature, -jnp.inf)
-    return jax.nn.softmax(jnp.where(jnp.any(usable), scores, 0.0))
+    least = jnp.min(jnp.where(usable, costs, jnp.inf))
+    w = jnp.where(usable, jnp.exp((least - costs) / temperature), 0.0)
+    return w / jnp.maximum(jnp.sum(w), 1.0)  # the least cost alone has 1
 
 
 def effective_sample_size(w: Array) -> Array:
-    """1 / sum w^2 () for normalised weights (N,)."""
-    return 1.0 / jnp.sum(w * w)
+    """1 / sum w^2 () for normalised weights (N,); 0 if no path weighs anything."""
+    total = jnp.sum(w * w)
+    return jnp.where(total > 0, 1.0 / total, 0.0)
 
 
 def log_desirability(costs: Array, temperature: Array | float) -> Array:
     """log of the Monte Carlo estimate of Psi(t, mu) (17) (): the sample mean of exp(-S / lambda)."""
-    return jax.nn.logsumexp(-costs / temperature) - jnp.log(costs.shape[0])
+    return -free_energy(costs, temperature) / temperature
+
+
+def free_energy(costs: Array, temperature: Array | float) -> Array:
+    """-lambda log of the same (), inf if no cost is finite."""
+    least = jnp.min(costs)
+    some = jnp.isfinite(least)
+    spread = jnp.mean(jnp.exp((jnp.where(some, least, 0.0) - costs) / temperature))
+    return jnp.where(some, least - temperature * jnp.log(jnp.where(some, spread, 1.0)), jnp.inf)
 
 
 def weighted_increments(w: Array, increments: Array) -> Array:
@@ -167,14 +177,13 @@ def weighted_in_blocks(
         usable = jnp.isfinite(costs) & (jnp.arange(size) < wanted)
         costs = jnp.where(usable, costs, jnp.inf)
         w = weights(costs, temperature)
-        return weighted_increments(w, increments), w, log_desirability(costs, temperature), means
+        return weighted_increments(w, increments), w, free_energy(costs, temperature), means
 
     if count == 1:
         change, w, _, means = block(key, n)
         return change, w, means
     keys, left = jax.random.split(key, count), n - size * jnp.arange(count)
-    changes, w, logs, means = jax.lax.map(lambda given: block(*given), (keys, left))
-    share = weights(-logs, 1.0)
+    changes, w, energies, means = jax.lax.map(lambda given: block(*given), (keys, left))
+    share = weights(energies, temperature)
     joined = jnp.moveaxis(means, 0, -2).reshape(*means.shape[1:-1], -1)
-    w = (share[:, None] * w).reshape(-1)[:n]
-    return jnp.tensordot(share, changes, 1), w / jnp.sum(w), joined[..., :n]  # no finite cost: surplus had weight, too
+    return jnp.tensordot(share, changes, 1), (share[:, None] * w).reshape(-1)[:n], joined[..., :n]

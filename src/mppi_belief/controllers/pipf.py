@@ -27,9 +27,10 @@ from ..pytree import choice, number, size, struct
 
 
 class PIPFInfo(NamedTuple):
-    """Diagnostics: effective sample size over all paths ()."""
+    """Diagnostics: effective sample size over all paths () and their weights (K L,)."""
 
     ess: Array
+    weights: Array
 
 
 @struct
@@ -62,7 +63,7 @@ class PIPF:
         costs += pi.girsanov(plan, increments, weight)
         w = self._weights(costs.reshape(n_particles, self.n_samples), belief.log_weights)
         improved = plan + pi.weighted_increments(w, increments)
-        return improved[0], pi.receded(improved), PIPFInfo(pi.effective_sample_size(w))
+        return improved[0], pi.receded(improved), PIPFInfo(pi.effective_sample_size(w), w)
 
     def _costs(self, problem: Problem, starts: Array, controls: Array) -> Array:
         """Path costs (K L,) from states (nx, K L), the penalty at the state."""
@@ -80,7 +81,9 @@ class PIPF:
 
     def _weights(self, costs: Array, log_weights: Array) -> Array:
         """Normalised weights of all paths (K L,) from costs (K, L) and the particles' log-weights (K,)."""
-        scores = -costs / self.temperature
         if self.combine == "pooled":
-            return jax.nn.softmax((scores + log_weights[:, None]).reshape(-1))
-        return (jnp.exp(log_weights)[:, None] * jax.nn.softmax(scores, axis=-1)).reshape(-1)
+            return pi.weights((costs - self.temperature * log_weights[:, None]).reshape(-1), self.temperature)
+        of_each = jax.vmap(pi.weights, in_axes=(0, None))(costs, self.temperature)
+        w = jnp.exp(log_weights)[:, None] * of_each
+        total = jnp.sum(w)  # 1, less the particles from which no path has a finite cost
+        return (w / jnp.where(total > 0, total, 1.0)).reshape(-1)

@@ -95,8 +95,8 @@ def _places(trials: Sequence[int], size: int) -> int | np.ndarray:
 
 def _row(config: dict[str, Any], trial: int, judged: Metrics, result: Trial) -> dict[str, Any]:
     values = {name: value.item() for name, value in judged._asdict().items()}
-    finite = bool(np.all(np.isfinite(result.states)) and np.isfinite(values["cost"]))
-    status, error = ("ok", None) if finite else ("diverged", "the state or the cost left the finite numbers")
+    error = divergence(judged, result)
+    status = "diverged" if error else "ok"
     return {**_labels(config, trial, status), **values, "steps": len(result.controls), "error": error}
 
 
@@ -104,6 +104,16 @@ def _reason(error: Exception) -> str:
     """What an exception says; a callback's comes with a traceback, which differs with whoever runs it and where."""
     text = f"{type(error).__name__}: {error}".strip()
     return text.splitlines()[-1] if "Traceback (most recent call last)" in text else text
+
+
+def divergence(judged: Metrics, result: Trial) -> str | None:
+    """What left the finite numbers in a trial, if anything did."""
+    parts = {"state": result.states, "belief": np.append(result.beliefs.mean, result.beliefs.cov)}
+    parts |= {"control": result.controls, "cost": judged.cost}
+    lost = [name for name, values in parts.items() if not np.all(np.isfinite(values))]
+    if not lost and np.any(np.asarray(result.ess) == 0):
+        lost = ["cost of every sampled path of a step"]
+    return f"the {' and the '.join(lost)} left the finite numbers" if lost else None
 
 
 def failed_row(config: dict[str, Any], trial: int, status: str, error: str) -> dict[str, Any]:
