@@ -13,7 +13,6 @@ from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
@@ -209,8 +208,8 @@ def loops(system: str, method: str) -> Callable[[Numbers], Loop]:
 
 
 def lost(found: Loop) -> np.ndarray:
-    """What left the finite numbers first in each scenario (B,): "", state, belief, control, paths (the costs of all that
-    were sampled at a step) or cost."""
+    """What left the finite numbers first in each scenario (B,): "", control, paths (the costs of all that were
+    sampled at a step), state, belief or cost."""
     trial = found.trial
     gone = {
         "control": ~_finite(trial.controls),

@@ -9,7 +9,7 @@ with A, C the Jacobians at the mean (exact in the linear case, the EKF otherwise
 mean moves by an innovation of covariance K S K' = D dt.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -18,6 +18,14 @@ from jax import Array
 from .discretise import euler_step, measurement_cov, measurement_intensity
 from .linalg import decorrelated, psd_factor, semidefinite_root, symmetrise, triangular_root
 from .problem import Belief, Problem
+
+
+class RootBelief(NamedTuple):
+    """A Gaussian belief with a root (nx, nx) of its covariance, cov = root root'."""
+
+    mean: Array
+    cov: Array
+    root: Array
 
 
 class GainSchedule(NamedTuple):
@@ -38,9 +46,14 @@ def prior(problem: Problem) -> Belief:
     return Belief(jnp.asarray(problem.prior_mean), jnp.diag(jnp.asarray(problem.prior_std) ** 2))
 
 
+def rooted(belief: Any) -> Array:
+    """A root (nx, nx) of a belief's covariance: its own, if it has one."""
+    return belief.root if isinstance(belief, RootBelief) else semidefinite_root(belief.cov)
+
+
 def predict(problem: Problem, belief: Belief, u: Array) -> Belief:
     """The belief one step later, before the measurement; u (nu,)."""
-    mean, root = _ahead(problem, belief.mean, semidefinite_root(belief.cov), u)
+    mean, root = _ahead(problem, belief.mean, rooted(belief), u)
     return Belief(mean, covariance(root))
 
 
@@ -63,17 +76,16 @@ def absorb(root: Array, C: Array, R_s: Array) -> tuple[Array, Array, Array]:
     One measurement after another, made independent first, with no matrix to invert (Potter 1963): with v = root' c and
     s = v'v + r the gain is root v / s, and the root shrinks by sqrt(r / s) along v.
     """
-    T, variances = decorrelated(R_s)
+    C, variances = decorrelated(C, R_s)
+    T, _ = decorrelated(jnp.eye(len(R_s), dtype=R_s.dtype), R_s)
     K, moves = jnp.zeros((len(root), 0), root.dtype), []
-    for c, r in zip(T @ C, variances, strict=True):
+    for c, r in zip(C, variances, strict=True):
         v = c @ root
         squared = v @ v
         s = squared + r
         v = v / jnp.where(squared == 0, 1.0, jnp.sqrt(squared))
         seen = root @ v
-        root = root - seen[:, None] * v
-        root = root - (root @ v)[:, None] * v  # what rounding left along v, as large as what is to stay of it
-        root = root + jnp.sqrt(r / s) * seen[:, None] * v
+        root = root + ((jnp.sqrt(r / s) - 1) * seen)[:, None] * v
         k = seen * (jnp.sqrt(squared) / s)
         K = jnp.column_stack([K - k[:, None] * (c @ K), k])
         moves.append(k * jnp.sqrt(s))
@@ -82,7 +94,7 @@ def absorb(root: Array, C: Array, R_s: Array) -> tuple[Array, Array, Array]:
 
 def correct(problem: Problem, belief: Belief, y: Array) -> Belief:
     """The belief after the measurement y (ny,), its noise taken at the predicted mean."""
-    mean, root, K, _ = _measured(problem, belief.mean, semidefinite_root(belief.cov))
+    mean, root, K, _ = _measured(problem, belief.mean, rooted(belief))
     return Belief(mean + K @ (y - problem.system.c(mean)), covariance(root))
 
 
@@ -92,10 +104,10 @@ def _measured(problem: Problem, mean: Array, root: Array) -> tuple[Array, Array,
     return mean, *absorb(root, C, R_s)
 
 
-def update(problem: Problem, belief: Belief, u: Array, y: Array) -> Belief:
+def update(problem: Problem, belief: Belief | RootBelief, u: Array, y: Array) -> RootBelief:
     """`predict`, then `correct`, without the covariance between them."""
-    mean, root, K, _ = _measured(problem, *_ahead(problem, belief.mean, semidefinite_root(belief.cov), u))
-    return Belief(mean + K @ (y - problem.system.c(mean)), covariance(root))
+    mean, root, K, _ = _measured(problem, *_ahead(problem, belief.mean, rooted(belief), u))
+    return RootBelief(mean + K @ (y - problem.system.c(mean)), covariance(root), root)
 
 
 def riccati_rate(cov: Array, A: Array, Q: Array, C: Array, R_o: Array) -> Array:
@@ -106,9 +118,11 @@ def riccati_rate(cov: Array, A: Array, Q: Array, C: Array, R_o: Array) -> Array:
 
 def kalman_bucy(cov: Array, C: Array, R_o: Array) -> tuple[Array, Array]:
     """Gain K = Sigma C' R_o^-1 of (8a) and diffusion D = K R_o K' of (9)."""
-    T, r = decorrelated(R_o)
-    moves = cov @ (T @ C).T / jnp.sqrt(r)
-    return moves / jnp.sqrt(r) @ T, covariance(moves)
+    C, variances = decorrelated(C, R_o)
+    T, _ = decorrelated(jnp.eye(len(R_o), dtype=R_o.dtype), R_o)
+    spread = jnp.sqrt(jnp.stack(variances))
+    moves = cov @ C.T / spread
+    return moves / spread @ T, covariance(moves)
 
 
 def riccati_step(cov: Array, A: Array, Q: Array, C: Array, R_o: Array, dt: Array | float) -> Array:
@@ -126,8 +140,8 @@ def riccati_root(root: Array, A: Array, Q: Array, C: Array, R_o: Array, dt: Arra
     """
     n = root.shape[0]
     eye = jnp.eye(n, dtype=root.dtype)
-    T, r = decorrelated(R_o)
-    whitened = T @ C / jnp.sqrt(r)[:, None]
+    C, variances = decorrelated(C, R_o)
+    whitened = C / jnp.sqrt(jnp.stack(variances))[:, None]
     Q, J = Q * dt, whitened.T @ whitened * dt
     norm = jnp.maximum(jnp.maximum(_norm(A * dt), jnp.sqrt(_norm(Q)) * jnp.sqrt(_norm(J))), 0.25)
     unit = _unit(norm, _norm(J))
@@ -178,7 +192,7 @@ def gain_schedule(
         mean = mean if replaced is None else replaced
         return (mean, root), (mean, covariance(root), gain, diffusion)
 
-    start = belief.mean, semidefinite_root(belief.cov)
+    start = belief.mean, rooted(belief)
     _, (mean, cov, gain, diffusion) = jax.lax.scan(advance, start, (controls, means))
     mean, cov = jnp.concatenate([belief.mean[None], mean]), jnp.concatenate([belief.cov[None], cov])
     return GainSchedule(mean, cov, gain, diffusion)

@@ -95,28 +95,35 @@ def triangular_root(M: Array) -> Array:
 
     M M' is never formed, so what is small beside terms that cancel keeps its digits.
     """
-    n, columns = M.shape[0], []
-    for j in range(n):
-        length = jnp.sqrt(jnp.sum(M[0] * M[0]))
-        direction, rest = M[0] / jnp.where(length == 0, 1.0, length), M[1:]
-        along = rest @ direction
-        columns.append(jnp.concatenate([jnp.zeros(j, M.dtype), length[None], along]))
-        M = rest - along[:, None] * direction
+    rows: list[Array] = list(M)
+    columns: list[Array] = []
+    while rows:
+        first, *rest = rows
+        length = jnp.sqrt(first @ first)
+        direction = first / jnp.where(length == 0, 1.0, length)
+        along = [row @ direction for row in rest]
+        columns.append(jnp.stack([*[jnp.zeros_like(length)] * len(columns), length, *along]))
+        rows = [row - part * direction for row, part in zip(rest, along, strict=True)]
     return jnp.stack(columns, axis=1)
 
 
-def decorrelated(R: Array) -> tuple[Array, Array]:
-    """T (n, n), unit lower triangular, and variances r (n,) with T R T' = diag(r), for definite R (n, n).
+def decorrelated(M: Array, R: Array) -> tuple[Array, list[Array]]:
+    """T M (n, m) and variances [()] with T unit lower triangular and T R T' = diag(variances), for definite R (n, n).
 
     A variance is at least what the rounding of R leaves uncertain, eps of it.
     """
-    n = R.shape[-1]
-    T, r = jnp.eye(n, dtype=R.dtype), [R[0, 0]]
-    for j in range(1, n):
-        slopes = (T[:j] @ R[:, j]) / jnp.stack(r)
-        T = T.at[j].add(-slopes @ T[:j])
-        r.append(jnp.maximum(T[j] @ R[:, j], R[j, j] * jnp.finfo(R.dtype).eps))
-    return T, jnp.stack(r)
+    slopes: list[list[Array]] = []  # R = slopes diag(variances) slopes', by components
+    variances: list[Array] = []
+    rows: list[Array] = []
+    for j in range(len(R)):
+        row: list[Array] = []
+        for i in range(j):
+            row.append((R[j, i] - sum(row[k] * slopes[i][k] * variances[k] for k in range(i))) / variances[i])
+        left = R[j, j] - sum(row[k] * row[k] * variances[k] for k in range(j))
+        variances.append(jnp.maximum(left, R[j, j] * jnp.finfo(R.dtype).eps) if j else left)
+        rows.append(M[j] - sum(row[k] * rows[k] for k in range(j)))
+        slopes.append(row)
+    return jnp.stack(rows), variances
 
 
 def as_matrix(weight: Array) -> Array:

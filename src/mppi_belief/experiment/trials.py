@@ -108,7 +108,7 @@ def _reason(error: Exception) -> str:
 
 def divergence(judged: Metrics, result: Trial) -> str | None:
     """What left the finite numbers in a trial, if anything did."""
-    parts = {"state": result.states, "belief": np.append(result.beliefs.mean, result.beliefs.cov)}
+    parts: dict[str, Any] = {"state": result.states, "belief": np.append(result.beliefs.mean, result.beliefs.cov)}
     parts |= {"control": result.controls, "cost": judged.cost}
     lost = [name for name, values in parts.items() if not np.all(np.isfinite(values))]
     if not lost and np.any(np.asarray(result.ess) == 0):

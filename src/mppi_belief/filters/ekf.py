@@ -1,5 +1,6 @@
 """Extended Kalman filter: the Kalman filter where the system is linear (Prop. 2, Remark 3)."""
 
+import jax.numpy as jnp
 from jax import Array
 
 from .. import belief as gaussian
@@ -11,8 +12,10 @@ from ..pytree import struct
 class EKF:
     """The discrete recursion of `mppi_belief.belief`, noise and Jacobians at the predicted mean."""
 
-    def init(self, problem: Problem, key: Array) -> Belief:
-        return gaussian.prior(problem)
+    def init(self, problem: Problem, key: Array) -> gaussian.RootBelief:
+        return gaussian.RootBelief(*gaussian.prior(problem), jnp.diag(jnp.asarray(problem.prior_std)))
 
-    def update(self, problem: Problem, belief: Belief, u: Array, y: Array, key: Array) -> Belief:
+    def update(
+        self, problem: Problem, belief: Belief | gaussian.RootBelief, u: Array, y: Array, key: Array
+    ) -> gaussian.RootBelief:
         return gaussian.update(problem, belief, u, y)
