@@ -13,13 +13,12 @@ from types import FrameType
 from typing import Any
 
 from . import __version__, usage
-from .composing import RUNTIME_KEYS, collect, compose, parse
+from .completion import complete
+from .composing import RUNTIME_KEYS, collect, parse
 from .settings import ConfigError, plain_line, unknown_key
 from .study.signals import STOPPING, held
 
 NOT_HELD, INPUT_ERROR, SOME_FAILED, CANNOT_WRITE, NOBODY_WORKS, CUT_OFF = 1, 2, 3, 74, 75, 141
-COMMANDS = ("run", "report", "verify", "results", "replay")
-FIRST_WORDS = (*COMMANDS, "--help", "--version")
 
 
 def main() -> int:
@@ -28,7 +27,7 @@ def main() -> int:
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="replace")  # Greek letters on a terminal that has none
     if any(arg in ("-sc", "--shell-completion") for arg in args):
-        return _guarded(lambda: _complete(args))
+        return _guarded(lambda: complete(args))
     if not args or args[0] in ("-h", "--help"):
         return _guarded(lambda: _show(usage.USAGE))
     if args[0] == "--version":
@@ -268,34 +267,3 @@ def _tell(cells: list[Any], root: Path, n_trials: int, outcome: Any) -> int:
         print("stopped; the same command goes on from here", file=sys.stderr)
         return 128 + int(outcome.stopped)
     return SOME_FAILED if failed else 0
-
-
-def _complete(args: Sequence[str]) -> int:
-    """Shell completion is Hydra's; the command word is ours and taken out of the line it sees."""
-    line = os.environ.get("COMP_LINE", "")
-    words = line.split()
-    if any(arg.startswith("query=") for arg in args):
-        if len(words) < 2 or (len(words) == 2 and words[1] not in COMMANDS and not line.endswith(" ")):
-            print(" ".join(word for word in FIRST_WORDS if len(words) < 2 or word.startswith(words[1])))
-            return 0
-        if words[1] in ("results", "replay"):
-            from .tools.words import complete
-
-            print(*complete(words[1:], begun=not line.endswith(" ")), sep="\n")
-            return 0
-        if words[1] == "verify":
-            line = _complete_certificates(line, words)
-        os.environ["COMP_LINE"] = line.replace(f" {words[1]}", "", 1)
-    compose(args, lambda config: None)
-    return 0
-
-
-def _complete_certificates(line: str, words: Sequence[str]) -> str:
-    """Print the certificates that the last word begins; the line without those that are there, for Hydra."""
-    from .certificate import NAMES
-
-    begun = "" if line.endswith(" ") else words[-1]
-    print(*(name for name in NAMES if name.startswith(begun) and name not in words), sep="\n")
-    for name in {*NAMES}.intersection(words):
-        line = line.replace(f" {name}", "")
-    return line
