@@ -5,7 +5,7 @@ ARGS ?=
 TEST_WORKERS ?= 2
 
 .DEFAULT_GOAL := help
-.PHONY: help install run report verify calibration test test-solver check lint types layers format bench bench-docs bench-compare bench-scale picture clean
+.PHONY: help install run report verify calibration test test-faults test-scenarios test-solver check lint types layers format bench bench-docs bench-compare bench-scale picture clean
 
 help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -39,6 +39,12 @@ calibration: install  ## search the numbers the paper leaves open, half an hour 
 
 test: install  ## the test suite
 	OMP_NUM_THREADS=1 NPROC=1 $(BIN)/python -m pytest -n $(TEST_WORKERS) --dist loadfile $(ARGS)
+
+test-faults: install  ## everything a run must survive, ten minutes: docs/reliability.md
+	OMP_NUM_THREADS=1 NPROC=1 $(BIN)/python -m pytest -n $(TEST_WORKERS) --dist loadfile -m "long or not long" tests/faults $(ARGS)
+
+test-scenarios: install  ## ten thousand random scenarios of every controller in both precisions, half an hour
+	OMP_NUM_THREADS=1 NPROC=1 $(BIN)/python tests/random_scenarios.py $(ARGS)
 
 test-solver:  ## the trajectory optimiser against Crocoddyl (1 GB, in an environment of its own)
 	$(PYTHON) -m venv $(VENV)-solver
