@@ -15,6 +15,7 @@ from mppi_belief.experiment import run_trials, trials
 from mppi_belief.experiment.replay import differences, shown, ulps
 from mppi_belief.study import results
 from mppi_belief.study.plan import ALGORITHM_VERSION, Cell
+from mppi_belief.tools.replay import _changes
 from study_helpers import row
 
 RUN = {"command": ["mppi-belief", "run"], "started": "2025-01-01T10:00:00+00:00", "algorithm": ALGORITHM_VERSION}
@@ -145,7 +146,7 @@ def test_code_named_in_a_results_folder_is_looked_for_where_the_user_says_and_no
     results.write_rows(tmp_path / "outputs" / "results" / cell.id, ran[1].rows, {"config": cell.config, **told})
     said = replay(cell.id, "0")
     assert said.code == 2
-    assert "name its folder with --config-dir" in said.err
+    assert "of a module in a --config-dir folder" in said.err
     assert not flag.exists()
     assert replay(cell.id, "0", "--config-dir", str(mine)).code == 2  # it has no Part
     assert flag.exists()
@@ -215,3 +216,10 @@ def test_differences_are_of_bits():
 def test_a_picture_ends_where_the_numbers_do():
     step = {"state": np.zeros(2), "mean": np.zeros(2), "cov": np.zeros(4)}
     assert len([*shown([step, step, step | {"cov": np.full(4, np.inf)}, step])]) == 2
+
+
+def test_code_that_has_changed_since_is_told():
+    now = {"versions": dict.fromkeys(("python", "jax", "jaxlib", "numpy", "mppi-belief"), "1"), "threads": {}}
+    now |= dict.fromkeys(("algorithm", "processor", "platform", "device"), "same")
+    then = {"config": {"code": {"mine": "aa", "yours": "cc"}}}
+    assert _changes(then, now | {"code": {"mine": "bb", "yours": "cc"}}) == ["code of mine aa, now bb"]

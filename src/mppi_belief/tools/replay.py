@@ -16,6 +16,7 @@ from ..study.contents import Contents, belongs, path_of, read_cell, row_of
 from ..study.plan import ALGORITHM_VERSION, IDENTITY
 from ..study.provenance import provenance
 from ..study.shelf import choose
+from ..targets import allow, fingerprints
 from .tables import commit
 from .words import read
 
@@ -55,9 +56,9 @@ def replay(args: Sequence[str]) -> int:
     variables = environment.prepare(kept.config["platform"])
     now = provenance(["mppi-belief", "replay", *args])
     os.environ.update(variables)
-    sys.path[:0] = [
-        str(Path(name).resolve()) for option in ("--config-dir", "-cd") for name in told.options.get(option, [])
-    ]
+    folders = [name for option in ("--config-dir", "-cd") for name in told.options.get(option, [])]
+    allow(folders)
+    now["code"] = fingerprints(kept.config, folders)
     return _again(kept, now)
 
 
@@ -95,11 +96,7 @@ def _again(kept: Kept, now: dict[str, Any]) -> int:
     changes = _changes(source, now)
     if changes:
         print(f"not as it was then: {'; '.join(changes)}")
-    try:
-        batch = rerun(kept.config, kept.trial)
-    except ConfigError as error:
-        hint = "; if it is yours, name its folder with --config-dir" if "_target_" in str(error) else ""
-        raise ConfigError(f"{kept.folder.name}: {error}{hint}") from error
+    batch = rerun(kept.config, kept.trial)
     found = differences(row, batch.rows[0], kept.path, batch.paths, kept.config["precision"])
     for one in found:
         print(_difference(one, kept.config["precision"]))
@@ -119,10 +116,12 @@ def _run(source: dict[str, Any]) -> str:
 def _changes(then: dict[str, Any], now: dict[str, Any]) -> list[str]:
     """What is other than when the trial was run, of all that may change its last digits."""
     before, after = then.get("versions") or {}, now["versions"]
+    code = (then.get("config") or {}).get("code") or {}
     pairs = [(name, before.get(name), after[name]) for name in _VERSIONS]
     pairs += [(name, then.get(name), now[name]) for name in ("algorithm", "processor", "platform")]
     pairs += [("device", then.get("device"), now["device"])]
     pairs += [("commit", commit(then), commit(now))] if then.get("commit") else []
+    pairs += [(f"code of {name}", code.get(name), value) for name, value in now["code"].items()]
     threads = then.get("threads") or {}
     pairs += [(name, threads.get(name), value) for name, value in now["threads"].items()]
     return [f"{name} {one}, now {other}" for name, one, other in pairs if one is not None and one != other]
