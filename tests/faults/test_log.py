@@ -5,6 +5,7 @@ import pty
 import re
 import signal
 import subprocess
+import termios
 
 import pytest
 
@@ -18,11 +19,11 @@ BAR = re.compile(r"^\s*\d+%\|.*\| \d+/\d+ \[.*\]$")
 def on_a_terminal(run: Run, *numbers: signal.Signals, kill_a_worker: bool = False) -> tuple[int, str]:
     """Exit code, and what a terminal of 100 columns gets on stderr."""
     ours, theirs = pty.openpty()
+    termios.tcsetwinsize(theirs, (40, 100))
     said = bytearray()
     with subprocess.Popen(
         [COMMAND, "run", *run.study],
         cwd=run.folder,
-        env=os.environ | {"COLUMNS": "100"},
         stdout=subprocess.DEVNULL,
         stderr=theirs,
         start_new_session=True,
