@@ -1,9 +1,14 @@
 """Which workers a study gets: the group `executor` of a configuration."""
 
+import logging
 import math
 import os
 import re
+import shlex
+import shutil
 import sys
+import uuid
+from collections.abc import Callable
 from dataclasses import dataclass, field, fields
 from typing import Any
 
@@ -11,9 +16,11 @@ from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from ..settings import ConfigError, unknown_key
-from .cluster import Cluster
+from .cluster import Cluster, Site, close_cluster
 from .lanes import Lanes, WorkersGone
 from .pool import Workers
+from .signals import masked
+from .slurm import Jobs
 from .worker import Setup
 
 NEEDS = 'needs pip install "mppi-belief[cluster]"'
@@ -104,49 +111,74 @@ def _need(module: str) -> None:
         raise ConfigError(f"executor: {NEEDS}")
 
 
-def _configure() -> None:
-    """The settings of a scheduler that is started here."""
+def _start(cluster: Callable[[], Any]) -> tuple[Any, Any]:
+    """A scheduler in this process, as `cluster()` makes it, and its client. Raises `ConfigError`."""
     import dask
+    from distributed import Client
 
-    dask.config.set(
-        {
-            "distributed.scheduler.allowed-failures": 0,  # the pool decides what is tried again
-            "distributed.deploy.lost-worker-timeout": "2s",  # a cancelled job is replaced after it
-        }
-    )
+    dask.config.set({"distributed.scheduler.allowed-failures": 0})  # the pool decides what is tried again
+    try:
+        with masked():
+            made = cluster()
+            return made, Client(made)
+    except (OSError, RuntimeError, ValueError) as error:
+        raise ConfigError(f"executor: no scheduler starts here: {str(error).splitlines()[0]}") from error
 
 
-def _dask(settings: Dask, count: int) -> Any:
+def _dask(settings: Dask, count: int) -> Site:
     from distributed import Client, LocalCluster
 
-    _configure()
     if settings.address is None:
-        return Client(LocalCluster(n_workers=count, threads_per_worker=1, dashboard_address=":0"))
+        how = {"threads_per_worker": 1, "dashboard_address": ":0", "silence_logs": logging.CRITICAL}
+        cluster, client = _start(lambda: LocalCluster(n_workers=count, **how))
+        return Site(client, lambda: close_cluster(cluster))
     try:
-        return Client(settings.address, timeout=settings.patience)
+        return Site(Client(settings.address, timeout=settings.patience), lambda: None)
     except (OSError, ValueError) as error:
         raise WorkersGone(f"executor.address={settings.address}: no scheduler answers ({error})") from error
 
 
-def _slurm(settings: Slurm, count: int) -> Any:
-    from dask_jobqueue.slurm import SLURMCluster
-    from distributed import Client
+def _slurm(settings: Slurm, count: int) -> Site:
+    from distributed import Scheduler
+    from distributed.deploy.spec import SpecCluster
 
-    _configure()
+    if shutil.which("sbatch") is None:
+        raise ConfigError("executor=slurm: there is no sbatch on this machine")
+    options = {"interface": settings.interface, "dashboard_address": ":0"}
+    scheduler = {"cls": Scheduler, "options": options}
+    cluster, client = _start(lambda: SpecCluster(workers={}, scheduler=scheduler, silence_logs=logging.CRITICAL))
     per_job = min(settings.workers_per_job, count)
-    cluster = SLURMCluster(
+    name = f"mppi-belief-{uuid.uuid4().hex[:8]}"
+    jobs = Jobs(script(settings, per_job, name, cluster.scheduler_address), name, math.ceil(count / per_job), per_job)
+
+    def end() -> None:
+        jobs.end()
+        close_cluster(cluster)
+
+    return Site(client, end, jobs.tend)
+
+
+def script(settings: Slurm, per_job: int, name: str, address: str) -> str:
+    """What sbatch is given: `per_job` workers for the scheduler at `address`. What is not set here is taken from a
+    `jobqueue.slurm` of the user's own Dask configuration."""
+    from dask.utils import parse_bytes
+    from dask_jobqueue.slurm import SLURMJob
+
+    silent = [] if settings.logs else [f"--output={os.devnull}", f"--error={os.devnull}"]
+    job = SLURMJob(
+        address,
+        "$SLURM_JOB_ID",
         queue=settings.partition,
         account=settings.account,
         cores=per_job,
         processes=per_job,
-        memory=settings.memory,
+        memory=f"{parse_bytes(settings.memory) * per_job}B",
         walltime=settings.walltime,
         interface=settings.interface,
-        log_directory=settings.logs or os.devnull,
-        job_extra_directives=list(settings.directives),
-        python=sys.executable,
-        scheduler_options={"dashboard_address": ":0"},
+        log_directory=settings.logs,
+        job_name=name,
+        job_extra_directives=[*silent, *settings.directives],
+        python=shlex.quote(sys.executable),
+        config_name="slurm",
     )
-    jobs = math.ceil(count / per_job)
-    cluster.adapt(minimum_jobs=jobs, maximum_jobs=jobs)  # a job that is cancelled or ends is replaced
-    return Client(cluster)
+    return str(job.job_script())

@@ -7,6 +7,7 @@ not begun is run again.
 
 import math
 import threading
+import time
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, wait
@@ -15,6 +16,7 @@ from typing import Any, NamedTuple, Protocol
 from ..settings import ConfigError, batches
 from .lanes import WorkerDied, WorkersGone
 from .plan import Cell, Chunk
+from .signals import StoppedAtOnce
 from .worker import Lost, Overtime, Report, run_chunk, within
 
 STRIKES = 2
@@ -100,14 +102,24 @@ class Pool:
             tick()
 
     def call(self, function: Callable[..., Any], *args: Any) -> Any:
-        """Run one function in a worker while the others are idle; raises `WorkerDied`, or `Overtime` if it takes as
-        long as a batch of trials may."""
+        """Run one function in a worker while the others are idle; raises `WorkerDied`, `Overtime` if it takes as
+        long as a batch of trials may, or `StoppedAtOnce` if it has not begun when all is to stop."""
+        while self._workers.room() <= 0:
+            self._stop_waiting()
+            time.sleep(TICK)
         future = self._workers.submit(within, self._seconds, function, *args)
+        while not wait([future], timeout=TICK).done:
+            if self._stopping.is_set() and self._workers.withdraw([future]):
+                self._stop_waiting()
         try:
             return self._workers.collect(future)
         except Overtime:
             self._workers.discard(future)
             raise
+
+    def _stop_waiting(self) -> None:
+        if self._stopping.is_set():
+            raise StoppedAtOnce
 
     def _gather(self, ended: Iterable[Future[Any]]) -> tuple[list[Done], Exception | None]:
         """What has ended, and what of it ends the run."""
@@ -146,7 +158,7 @@ class Pool:
         except WorkerDied:
             yield from self._bury(chunk, overdue)
             return
-        except WorkersGone:
+        except (ConfigError, WorkersGone):
             raise
         except Exception as error:
             yield Done(*chunk, Lost("error", f"{type(error).__name__}: {error}"), {})

@@ -33,6 +33,16 @@ def held() -> Iterator[None]:
 
 
 @contextmanager
+def masked() -> Iterator[None]:
+    """Signals wait meanwhile; threads and processes that are started here never get them from a terminal."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, STOPPING)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+@contextmanager
 def polite_stop(on_first: Callable[[], None]) -> Iterator[Stop]:
     """Call `on_first` at the first signal, raise `StoppedAtOnce` at the second, which ends no more than the block; what
     was before is put back."""
