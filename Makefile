@@ -5,7 +5,7 @@ ARGS ?=
 TEST_WORKERS ?= 2
 
 .DEFAULT_GOAL := help
-.PHONY: help install run report verify calibration test test-faults test-scenarios test-solver check lint types layers format bench bench-docs bench-compare bench-scale picture clean
+.PHONY: help install run report verify calibration test test-faults test-scenarios test-solver test-cluster check lint types layers format bench bench-docs bench-compare bench-scale bench-cluster picture clean
 
 help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -51,6 +51,13 @@ test-solver:  ## the trajectory optimiser against Crocoddyl (1 GB, in an environ
 	$(VENV)-solver/bin/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[solver]"
 	$(VENV)-solver/bin/python -m pytest -o addopts="-q" tests/solver
 
+SLURM := tests/cluster/slurm_on_one_machine.sh
+
+test-cluster: install  ## jobs of a real Slurm, which is set up here and torn down (as root, Debian 12, ten minutes)
+	$(SLURM) up
+	OMP_NUM_THREADS=1 NPROC=1 $(BIN)/python -m pytest -o addopts="-q" tests/cluster $(ARGS); \
+	  ended=$$?; $(SLURM) down; exit $$ended
+
 check: lint types layers  ## linter, type checker and architecture check
 
 lint: install
@@ -81,6 +88,9 @@ bench-compare: install  ## one control step of the working tree against COMMIT=.
 
 bench-scale: install  ## whole studies on 1 and 2 cores, many samples, long runs, wide sweeps, start-up: twelve minutes, into outputs/bench/
 	$(BIN)/python benchmarks/scale.py $(ARGS)
+
+bench-cluster: install  ## what handing out chunks and storing rows costs, into outputs/bench/
+	$(BIN)/python benchmarks/cluster.py $(ARGS)
 
 picture: install  ## what README and docs/theory.md show: 200 trials of MPPI-Belief and of CE-MPPI, one of each animated; certificates
 	$(BIN)/mppi-belief run experiment=table_1 controller=belief,ce

@@ -1,4 +1,6 @@
-"""The measured parts of docs/benchmarks.md, each between two markers of its own."""
+"""The measured parts of docs/benchmarks.md and docs/cluster.md, each between two markers of its own."""
+
+from pathlib import Path
 
 from environments import ROOT
 
@@ -6,9 +8,10 @@ DOCS = ROOT / "docs" / "benchmarks.md"
 END = "<!-- end -->"
 
 
-def write_between(name: str, text: str) -> None:
-    """Put `text` where the document has the measured part `name`."""
-    DOCS.write_text(between(DOCS.read_text(), name, text))
+def write_between(name: str, text: str, page: Path | None = None) -> None:
+    """Put `text` where docs/benchmarks.md, or another page, has the measured part `name`."""
+    page = page or DOCS
+    page.write_text(between(page.read_text(), name, text))
 
 
 def between(document: str, name: str, text: str) -> str:

@@ -12,6 +12,7 @@ import json
 import os
 import sys
 import tempfile
+from collections.abc import Mapping
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -37,7 +38,7 @@ OUTPUT = ROOT / "outputs" / "bench"
 
 def main(argv: list[str] | None = None) -> None:
     """Measure, write, print; exits with 1 where a part failed."""
-    options = _options(argv)
+    options = options_of(argv, PARTS, __doc__ or "")
     report: dict[str, Any] = {} if options.quick else _stored()
     for name in options.parts or PARTS:
         report[name] = measured(PARTS[name], QUICK if options.quick else Sizes())
@@ -50,16 +51,17 @@ def main(argv: list[str] | None = None) -> None:
     sys.exit(any("error" in part for part in report.values()))
 
 
-def _options(argv: list[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("parts", nargs="*", metavar="PART", help=f"of {' '.join(PARTS)}; all without one")
+def options_of(argv: list[str] | None, known: Mapping[str, Any], about: str) -> argparse.Namespace:
+    """Which of the known parts are to run, and how."""
+    parser = argparse.ArgumentParser(description=about.partition("\n")[0])
+    parser.add_argument("parts", nargs="*", metavar="PART", help=f"of {' '.join(known)}; all without one")
     only = parser.add_mutually_exclusive_group()
     only.add_argument("--quick", action="store_true", help="a little of everything, nothing written")
-    only.add_argument("--docs", action="store_true", help="write docs/benchmarks.md too")
+    only.add_argument("--docs", action="store_true", help="write the page in docs/ too")
     options = parser.parse_args(argv)
     for name in options.parts:
-        if name not in PARTS:
-            parser.error(f"{name}: not one of {', '.join(PARTS)}")
+        if name not in known:
+            parser.error(f"{name}: not one of {', '.join(known)}")
     return options
 
 
@@ -78,10 +80,10 @@ def measured(part: Any, sizes: Sizes) -> dict[str, Any]:
     return found
 
 
-def markdown(report: dict[str, Any]) -> str:
+def markdown(report: dict[str, Any], known: Mapping[str, Any] = PARTS) -> str:
     """The tables of all parts that are there, what failed, when and where they were measured."""
-    shown = [name for name in PARTS if name in report]
-    parts = [PARTS[name].markdown(report[name]["numbers"]) for name in shown if "numbers" in report[name]]
+    shown = [name for name in known if name in report]
+    parts = [known[name].markdown(report[name]["numbers"]) for name in shown if "numbers" in report[name]]
     parts += [f"Not measured: {name} ({report[name]['error']})" for name in shown if "error" in report[name]]
     return "\n\n".join([*parts, "\n".join(_source(name, report[name]["source"]) for name in shown)])
 

@@ -15,6 +15,10 @@ class Sizes(NamedTuple):
     sweep_cells: tuple[int, int] = (4, 40)
     sweep_rounds: int = 1
     starts: int = 5
+    chunks: int = 300
+    chunk_rounds: int = 5
+    rows_per_file: tuple[int, ...] = (10, 100, 1000, 10_000, 100_000)
+    row_files: int = 200  # at most; what a million rows take is computed from them
 
 
 QUICK = Sizes(
@@ -27,4 +31,8 @@ QUICK = Sizes(
     sweep_cells=(2, 6),
     sweep_rounds=1,
     starts=1,
+    chunks=8,
+    chunk_rounds=1,
+    rows_per_file=(10, 100),
+    row_files=3,
 )

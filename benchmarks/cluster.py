@@ -1,0 +1,38 @@
+"""Beyond one machine: what handing out chunks costs, what rows cost on disk and in reading.
+
+    python benchmarks/cluster.py [PART ...] [--quick] [--docs]
+
+PART is one of chunks rows; both, some minutes, without one. Writes outputs/bench/cluster.json and .md and prints the
+tables; `--docs` writes docs/cluster.md too. `--quick` runs a little of each, and writes nothing.
+"""
+
+import json
+import sys
+
+import scale
+from document import write_between
+from environments import ROOT
+from scaling import chunks, rows
+from scaling.sizes import QUICK, Sizes
+
+PARTS = {"chunks": chunks, "rows": rows}
+DOCS = ROOT / "docs" / "cluster.md"
+
+
+def main(argv: list[str] | None = None) -> None:
+    """Measure, write, print."""
+    options = scale.options_of(argv, PARTS, __doc__ or "")
+    sizes = QUICK if options.quick else Sizes()
+    report = {name: scale.measured(PARTS[name], sizes) for name in options.parts or PARTS}
+    text = scale.markdown(report, PARTS)
+    if not options.quick:
+        (scale.OUTPUT / "cluster.json").write_text(json.dumps(report, indent=1))
+        (scale.OUTPUT / "cluster.md").write_text(text + "\n")
+    if options.docs:
+        write_between("cluster", text, DOCS)
+    print(text)
+    sys.exit(any("error" in part for part in report.values()))
+
+
+if __name__ == "__main__":
+    main()

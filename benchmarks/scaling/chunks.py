@@ -1,0 +1,93 @@
+"""What it costs to hand chunks of trials to workers, beside what the trials cost: empty chunks, taken in turns.
+
+A worker returns the rows of ten trials at once. Wall time is of two workers on this machine; processor time is that
+of this process, which holds the engine and Dask's scheduler, and bounds how many chunks a second can be handed out
+however many workers there are.
+"""
+
+import statistics
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import rounds
+from mppi_belief.study import environment, executors
+from mppi_belief.study.plan import Cell, Chunk
+from mppi_belief.study.pool import Pool, Workers
+from mppi_belief.study.worker import Setup
+
+from .sizes import Sizes
+
+WORKERS, TRIALS = 2, 10
+KINDS = {"local": {"kind": "local"}, "dask": {"kind": "dask", "address": None, "patience": 60.0}}
+GROUPS = ("system", "cost", "problem", "filter", "controller")
+
+
+def row(trial: int) -> dict[str, Any]:
+    """A row as wide as a real one."""
+    numbers = dict.fromkeys(
+        ("theta", "w_obs", "cost", "running_cost", "terminal_cost", "clearance", "ess"), 0.1 * trial
+    )
+    return {
+        "trial": trial,
+        "seed": 0,
+        "status": "ok",
+        "controller": "belief",
+        "collided": False,
+        **numbers,
+        "steps": 60,
+    }
+
+
+def nothing(config: dict[str, Any], trials: Sequence[int]) -> list[dict[str, Any]]:
+    """A trial that takes no time."""
+    return [row(trial) for trial in trials]
+
+
+def measure(sizes: Sizes, folder: Path) -> dict[str, Any]:
+    """Milliseconds of wall and processor time for each chunk, by executor: medians of interleaved rounds."""
+    environment.prepare()
+    setup = Setup([str(Path(__file__).resolve().parents[1])], {})
+    made = {kind: executors.workers(node, WORKERS, setup, environment.in_force()) for kind, node in KINDS.items()}
+    try:
+        for workers in made.values():
+            timed(workers, WORKERS)  # starts them
+        found: dict[str, list[tuple[float, float]]] = {kind: [] for kind in made}
+        for at in range(sizes.chunk_rounds):
+            rounds.say(f"chunks: round {at + 1} of {sizes.chunk_rounds}")
+            for kind, workers in made.items():
+                found[kind].append(timed(workers, sizes.chunks))
+    finally:
+        for workers in made.values():
+            workers.close()
+    middle = {kind: [statistics.median(column) for column in zip(*took, strict=True)] for kind, took in found.items()}
+    return {kind: {"wall_ms": wall, "cpu_ms": cpu} for kind, (wall, cpu) in middle.items()} | {"chunks": sizes.chunks}
+
+
+def timed(workers: Workers, count: int, clock: Callable[[], float] = time.perf_counter) -> tuple[float, float]:
+    """Wall and processor time of each of `count` chunks (ms), of cells of their own: the pool would join others."""
+    config: dict[str, Any] = {group: {} for group in GROUPS}
+    config |= {"names": {"controller": "none"}, "precision": "float32", "platform": "cpu"}
+    cells = [Cell(config | {"seed": seed, "batch": 1}) for seed in range(count)]
+    wall, cpu = clock(), time.process_time()
+    trials = tuple(range(TRIALS))
+    ended = sum(1 for _ in Pool(nothing, workers, rounds.say).run([Chunk(cell, trials) for cell in cells]))
+    if ended != count * TRIALS:
+        raise RuntimeError(f"{ended} of {count * TRIALS} trials came back")
+    return 1e3 * (clock() - wall) / count, 1e3 * (time.process_time() - cpu) / count
+
+
+def markdown(numbers: dict[str, Any]) -> str:
+    """The table."""
+    lines = [
+        f"**Handing out a chunk**: medians over rounds of {numbers['chunks']} empty chunks of {TRIALS} trials each,"
+        f" {WORKERS} workers on this machine.",
+        "",
+        "| | wall time ms | processor time of the engine ms | chunks a second at most |",
+        "|---|---|---|---|",
+    ]
+    for kind in KINDS:
+        wall, cpu = numbers[kind]["wall_ms"], numbers[kind]["cpu_ms"]
+        lines.append(f"| `executor={kind}` | {wall:.1f} | {cpu:.1f} | {1e3 / cpu:.0f} |")
+    return "\n".join(lines)
