@@ -65,9 +65,7 @@ class Jobs:
         self._there -= gone
         self._fruitless += len(gone - self._came)
         if self._fruitless >= STARTS and not self._workers:
-            raise WorkersGone(
-                f"{self._fruitless} jobs in a row ended before a worker came; executor.logs=DIR keeps why"
-            )
+            raise WorkersGone(f"{self._fruitless} jobs ended before a worker came (executor.logs=FOLDER keeps why)")
 
     def _submit(self) -> None:
         while len(self._there) < self._wanted:
