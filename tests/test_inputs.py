@@ -32,7 +32,7 @@ def ask(tmp_path, capsys, monkeypatch) -> Callable[..., Said]:
 
 
 def asking(folder: Path, capsys: Any, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Said]:
-    def run_study(cells: list, n_trials: int, root: Path, workers: int, task: Any, *rest: Any) -> None:
+    def run_study(cells: list, order: Any, root: Path, task: Any, *rest: Any) -> None:
         for cell in cells:
             assert cell.id
             task.check(cell.config)
