@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from cli_helpers import python
 from mppi_belief.settings import ConfigError
 from mppi_belief.study import slurm
 from mppi_belief.study.executors import Slurm, script
@@ -144,6 +145,18 @@ def test_the_script_asks_for_what_was_set():
     }
     (worker,) = [line for line in lines if "dask_worker" in line]
     assert "tcp://here:1 --name $SLURM_JOB_ID --nthreads 1 --memory-limit 1.40GiB --nworkers 2 --nanny" in worker
+
+
+def test_the_answer_to_a_signal_stays_ours(tmp_path):
+    """Importing dask_jobqueue sets another one."""
+    code = """
+import signal
+from mppi_belief.study.executors import Slurm, script
+before = signal.getsignal(signal.SIGINT)
+script(Slurm(), 1, "mine", "tcp://here:1")
+print(signal.getsignal(signal.SIGINT) is before, signal.pthread_sigmask(signal.SIG_BLOCK, []))
+"""
+    assert python(code, tmp_path) == "True set()"
 
 
 def test_logs_are_kept_where_asked(tmp_path):

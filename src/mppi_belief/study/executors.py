@@ -6,6 +6,7 @@ import os
 import re
 import shlex
 import shutil
+import signal
 import sys
 import uuid
 from collections.abc import Callable
@@ -162,7 +163,12 @@ def script(settings: Slurm, per_job: int, name: str, address: str) -> str:
     """What sbatch is given: `per_job` workers for the scheduler at `address`. What is not set here is taken from a
     `jobqueue.slurm` of the user's own Dask configuration."""
     from dask.utils import parse_bytes
-    from dask_jobqueue.slurm import SLURMJob
+
+    with masked():  # dask_jobqueue answers Ctrl-C in its own way from its import on, and with exit code 0
+        answer = signal.getsignal(signal.SIGINT)
+        from dask_jobqueue.slurm import SLURMJob
+
+        signal.signal(signal.SIGINT, answer)
 
     silent = [] if settings.logs else [f"--output={os.devnull}", f"--error={os.devnull}"]
     job = SLURMJob(
