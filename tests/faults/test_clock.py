@@ -1,20 +1,18 @@
 """The clock is set back while a study runs: what is measured goes by another, which only ever goes on.
 
-The machine's own clock is not touched: every process of the command is told, each time it asks Python for the time
-of day, one that is an hour before the last. Nothing else here asks the system for it.
+The machine's own clock is not touched: in every process of the command Python's `time.time` gives, each time it is asked,
+a moment an hour before the last.
 """
 
 import os
-import re
 
-import pandas as pd
 import pytest
 
 from faults_helpers import Run
 from mppi_belief.study import results
 
-BACKWARDS = """
-import datetime, time
+BACKWARDS = '''
+import time
 
 told = [time.time()]
 
@@ -22,14 +20,8 @@ def earlier():
     told[0] -= 3600
     return told[0]
 
-class Backwards(datetime.datetime):
-    @classmethod
-    def now(cls, tz=None):
-        return cls.fromtimestamp(earlier(), tz)
-
 time.time, time.time_ns = earlier, lambda: int(earlier() * 1e9)
-datetime.datetime = Backwards
-"""
+'''
 
 
 @pytest.mark.long
@@ -42,6 +34,4 @@ def test_a_clock_that_jumps_back_changes_nothing(tmp_path, undisturbed):
     assert run.hashes() == undisturbed.hashes
     for file in run.parts():
         (source,) = results.read_table(file)[0]["sources"]
-        assert source["elapsed"] >= 0
-        assert re.match(r"(19|20)\d\d-", source["started"])
-        assert pd.Timestamp(source["started"]) < pd.Timestamp.now("UTC") - pd.Timedelta(minutes=50)
+        assert 0 <= source["elapsed"] < 1000
