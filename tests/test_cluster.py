@@ -27,7 +27,7 @@ NOTHING = Setup([], {})
 
 @pytest.fixture(autouse=True)
 def in_time() -> Iterator[None]:
-    levels = {name: logging.getLogger(name).level for name in ("distributed", "tornado.application", "asyncio")}
+    levels = {name: logging.getLogger(name).level for name in logging.root.manager.loggerDict}
     with limited():
         yield
     for name, level in levels.items():
@@ -171,6 +171,14 @@ def test_only_what_has_not_begun_is_taken_back():
     client.tasks[2].end(("tcp://worker-1", None, None))
     assert workers.withdraw(futures) == [futures[1]]
     assert [task.cancelled for task in client.tasks] == [False, True, False]
+
+
+def test_only_the_pool_says_what_happens(capsys):
+    logging.getLogger("distributed.client").setLevel(logging.WARNING)  # as it is after the import
+    made(Client()).room()
+    for name in ("distributed.client", "distributed.utils", "tornado.application", "asyncio"):
+        logging.getLogger(name).error("Traceback: it is all over")
+    assert capsys.readouterr() == ("", "")
 
 
 def test_closing_never_fails():

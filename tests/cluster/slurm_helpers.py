@@ -22,7 +22,7 @@ STUDY = (
     "planner.horizon=2",
 )
 SLURM = ("executor=slurm", "executor.memory=1GB", "executor.walltime=00:10:00")
-TRIALS = 60  # of 0.3 s each
+TRIALS = 200  # of a tenth of a second each
 
 
 class Ended(NamedTuple):

@@ -20,7 +20,7 @@ STOPPED = {signal.SIGINT: 130, signal.SIGTERM: 143}
 @pytest.fixture(autouse=True)
 def alone() -> Iterator[None]:
     """A test that hangs ends, and leaves no jobs."""
-    with limited(300):
+    with limited(400):
         yield
     subprocess.run(["scancel", f"--user={getpass.getuser()}"], check=False, timeout=60)
     no_jobs(60)
@@ -69,7 +69,7 @@ def test_a_job_that_is_cancelled_is_replaced(tmp_path, undisturbed):
 
 def test_jobs_whose_time_is_over_are_replaced(tmp_path, undisturbed):
     """A minute is the least that Slurm counts; the same numbers at a nap nine times as long."""
-    with begun(tmp_path, "executor.walltime=00:01:00", "controller.nap=0.9") as process:
+    with begun(tmp_path, "executor.walltime=00:01:00", "controller.nap=0.27") as process:
         first = poll(lambda: len(jobs("R")) == 2 and jobs("R"), 60)
         assert process.wait(280) == 0
     lines = said(tmp_path)

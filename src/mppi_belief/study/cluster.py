@@ -60,8 +60,7 @@ class Cluster:
     def site(self) -> Site:
         """The connection, made when it is first asked for; raises `ConfigError`, `WorkersGone`."""
         if self._site is None:
-            for name in ("distributed", "tornado.application", "asyncio"):
-                logging.getLogger(name).setLevel(logging.CRITICAL)  # the pool says in its own words what happens
+            _hush()
             self._site = self._connect()
         return self._site
 
@@ -135,6 +134,15 @@ class Cluster:
                 site.client.close(timeout=CLOSING)
             with contextlib.suppress(Exception):
                 site.end()
+
+
+def _hush() -> None:
+    """Let the pool alone say what happens; what says it otherwise has levels of its own once it is imported."""
+    import distributed  # noqa: F401
+
+    for name in ("distributed", "tornado", "asyncio", *logging.root.manager.loggerDict):
+        if name.partition(".")[0] in ("distributed", "tornado", "asyncio"):
+            logging.getLogger(name).setLevel(logging.CRITICAL)
 
 
 def close_cluster(cluster: Any) -> None:

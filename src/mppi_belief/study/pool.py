@@ -102,8 +102,17 @@ class Pool:
             tick()
 
     def call(self, function: Callable[..., Any], *args: Any) -> Any:
-        """Run one function in a worker while the others are idle; raises `WorkerDied`, `Overtime` if it takes as
-        long as a batch of trials may, or `StoppedAtOnce` if it has not begun when all is to stop."""
+        """Run one function in a worker while the others are idle, a second time where the worker died; raises
+        `WorkerDied`, `Overtime` if it takes as long as a batch of trials may, or `StoppedAtOnce` if it has not begun
+        when all is to stop."""
+        for _ in range(STRIKES - 1):
+            try:
+                return self._call(function, *args)
+            except WorkerDied:
+                self._stop_waiting()
+        return self._call(function, *args)
+
+    def _call(self, function: Callable[..., Any], *args: Any) -> Any:
         while self._workers.room() <= 0:
             self._stop_waiting()
             time.sleep(TICK)

@@ -32,7 +32,7 @@ def wait(nap: float, fate: str, now: bool) -> np.float32:
 class Patient:
     """u = -mean / 2, after a nap."""
 
-    nap: float = mb.number(0.1, ge=0)
+    nap: float = mb.number(0.03, ge=0)
     fate: str = mb.choice("nothing", "kills", "hangs")
 
     def init(self, problem: mb.Problem) -> tuple[()]:
