@@ -13,7 +13,6 @@ from helpers import float64, quick_jit, random_spd
 from mppi_belief import belief
 from mppi_belief.certificate import Certificate
 from mppi_belief.obstacles import Obstacles
-from mppi_belief.problem import Belief
 from mppi_belief.systems import LightDark
 from mppi_belief.verify import deterministic_covariance as covariance
 
@@ -58,22 +57,22 @@ def test_a_wrong_limit_is_seen(part, quick_x64):
 def test_the_diffusion_of_the_measurement_noise_alone_is_seen(monkeypatch, quick_x64):
     """K R_s K' in place of K S K', which is the same in the limit."""
 
-    def wrong(problem, at, u):
-        after, K, _ = filter_step(problem, at, u)
-        return after, K, K @ (covariance.R_O / problem.dt) @ K.T / problem.dt
+    def wrong(problem, mean, root, u):
+        mean, root, K, _ = filter_step(problem, mean, root, u)
+        return mean, root, K, K @ (covariance.R_O / problem.dt) @ K.T / problem.dt
 
     filter_step = belief._filter_schedule_step
     monkeypatch.setattr(belief, "_filter_schedule_step", wrong)
     assert [check.holds for check in covariance.transient(gain_schedule)] == [False, True]
 
 
-@pytest.mark.parametrize("part", [1, 2])
+@pytest.mark.parametrize("part", [2, 3])
 def test_a_riccati_schedule_that_is_a_step_late_is_seen(part, monkeypatch, quick_x64):
     """K or D of t_{k+1} instead of t_k, which is the same once all is settled."""
 
-    def wrong(problem, at, u):
-        found = list(riccati_schedule_step(problem, at, u))
-        found[part] = riccati_schedule_step(problem, found[0], u)[part]
+    def wrong(problem, mean, root, u):
+        found = list(riccati_schedule_step(problem, mean, root, u))
+        found[part] = riccati_schedule_step(problem, *found[:2], u)[part]
         return tuple(found)
 
     riccati_schedule_step = belief._riccati_schedule_step
@@ -99,7 +98,7 @@ def test_a_filter_whose_covariance_feels_the_measurements_is_seen(monkeypatch, q
     class Doubting(covariance.EKF):
         def update(self, problem, belief, u, y, key):
             after = super().update(problem, belief, u, y, key)
-            return Belief(after.mean, after.cov * (1 + 1e-6 * jnp.sum(y**2)))
+            return after._replace(root=after.root * (1 + 1e-6 * jnp.sum(y**2)))
 
     jax.tree_util.register_dataclass(Doubting, data_fields=[], meta_fields=[])
     monkeypatch.setattr(covariance, "EKF", Doubting)

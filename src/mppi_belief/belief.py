@@ -21,11 +21,15 @@ from .problem import Belief, Problem
 
 
 class RootBelief(NamedTuple):
-    """A Gaussian belief with a root (nx, nx) of its covariance, cov = root root'."""
+    """A Gaussian belief N(mean, root root'): mean (nx,), root (nx, nx)."""
 
     mean: Array
-    cov: Array
     root: Array
+
+    @property
+    def cov(self) -> Array:
+        """The covariance (nx, nx)."""
+        return covariance(self.root)
 
 
 class GainSchedule(NamedTuple):
@@ -51,14 +55,13 @@ def rooted(belief: Any) -> Array:
     return belief.root if isinstance(belief, RootBelief) else semidefinite_root(belief.cov)
 
 
-def predict(problem: Problem, belief: Belief, u: Array) -> Belief:
+def predict(problem: Problem, belief: Belief | RootBelief, u: Array) -> RootBelief:
     """The belief one step later, before the measurement; u (nu,)."""
-    mean, root = _ahead(problem, belief.mean, rooted(belief), u)
-    return Belief(mean, covariance(root))
+    return RootBelief(*_ahead(problem, belief.mean, rooted(belief), u))
 
 
 def _ahead(problem: Problem, mean: Array, root: Array, u: Array) -> tuple[Array, Array]:
-    """Mean and root one step later: F Sigma F' + Q dt is the square of [F root, H sqrt(dt)]."""
+    """Mean and root one step later: F Sigma F' + Q dt is M M' with M = [F root, H sqrt(dt)]."""
     system, dt = problem.system, problem.dt
     F = jax.jacfwd(lambda x: euler_step(system, x, u, dt))(mean)
     return euler_step(system, mean, u, dt), triangular_root(jnp.hstack([F @ root, system.H * jnp.sqrt(dt)]))
@@ -92,22 +95,16 @@ def absorb(root: Array, C: Array, R_s: Array) -> tuple[Array, Array, Array]:
     return root, K @ T, jnp.stack(moves, axis=1)
 
 
-def correct(problem: Problem, belief: Belief, y: Array) -> Belief:
+def correct(problem: Problem, belief: Belief | RootBelief, y: Array) -> RootBelief:
     """The belief after the measurement y (ny,), its noise taken at the predicted mean."""
     mean, root, K, _ = _measured(problem, belief.mean, rooted(belief))
-    return Belief(mean + K @ (y - problem.system.c(mean)), covariance(root))
+    return RootBelief(mean + K @ (y - problem.system.c(mean)), root)
 
 
 def _measured(problem: Problem, mean: Array, root: Array) -> tuple[Array, Array, Array, Array]:
-    """The mean as it is, and what `absorb` makes of a measurement expected there."""
+    """The mean as it is, and what `absorb` makes of a measurement linearised there."""
     C, R_s = jax.jacfwd(problem.system.c)(mean), measurement_cov(problem.system, mean, problem.dt)
     return mean, *absorb(root, C, R_s)
-
-
-def update(problem: Problem, belief: Belief | RootBelief, u: Array, y: Array) -> RootBelief:
-    """`predict`, then `correct`, without the covariance between them."""
-    mean, root, K, _ = _measured(problem, *_ahead(problem, belief.mean, rooted(belief), u))
-    return RootBelief(mean + K @ (y - problem.system.c(mean)), covariance(root), root)
 
 
 def riccati_rate(cov: Array, A: Array, Q: Array, C: Array, R_o: Array) -> Array:

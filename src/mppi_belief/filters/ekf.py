@@ -13,9 +13,9 @@ class EKF:
     """The discrete recursion of `mppi_belief.belief`, noise and Jacobians at the predicted mean."""
 
     def init(self, problem: Problem, key: Array) -> gaussian.RootBelief:
-        return gaussian.RootBelief(*gaussian.prior(problem), jnp.diag(jnp.asarray(problem.prior_std)))
+        return gaussian.RootBelief(jnp.asarray(problem.prior_mean), jnp.diag(jnp.asarray(problem.prior_std)))
 
     def update(
         self, problem: Problem, belief: Belief | gaussian.RootBelief, u: Array, y: Array, key: Array
     ) -> gaussian.RootBelief:
-        return gaussian.update(problem, belief, u, y)
+        return gaussian.correct(problem, gaussian.predict(problem, belief, u), y)
