@@ -11,7 +11,7 @@ import pytest
 from faults_helpers import Run
 from mppi_belief.study import results
 
-BACKWARDS = '''
+BACKWARDS = """
 import time
 
 told = [time.time()]
@@ -21,7 +21,7 @@ def earlier():
     return told[0]
 
 time.time, time.time_ns = earlier, lambda: int(earlier() * 1e9)
-'''
+"""
 
 
 @pytest.mark.long

@@ -7,6 +7,7 @@ import time
 
 import pytest
 
+from cli_helpers import python
 from faults_helpers import N_TRIALS, STOPPED, Run, begins, gone_after, when
 from mppi_belief.study.signals import held, polite_stop
 from study_helpers import poll
@@ -102,3 +103,16 @@ def test_two_different_signals_that_have_waited_count_as_one():
         with polite_stop(lambda: asked.append(True)) as stop:
             assert asked == [True]
             assert not stop.at_once
+
+
+def test_a_process_that_is_started_while_signals_wait_does_not_get_them(tmp_path):
+    """Not even the first: Python's own helper of its processes lets signals in again when it starts."""
+    script = (
+        "import multiprocessing, signal\n"
+        "from mppi_belief.study.signals import STOPPING, masked\n"
+        "if __name__ == '__main__':\n"
+        "    with masked():\n"
+        "        multiprocessing.get_context('spawn').SimpleQueue()\n"
+        "        print(signal.pthread_sigmask(signal.SIG_BLOCK, ()) >= STOPPING)\n"
+    )
+    assert python(script, tmp_path) == "True"

@@ -111,7 +111,7 @@ class Cluster:
         if future in self._homes:
             self._seen = 0.0
             with _reached():
-                self.site.client.run(os._exit, 1, workers=[self._homes[future]], wait=False)
+                self.site.client.run(_exit, workers=[self._homes[future]], wait=False)
 
     def withdraw(self, futures: Iterable[Future[Any]]) -> list[Future[Any]]:
         """Take back what no worker has begun; what was taken back."""
@@ -143,6 +143,11 @@ def _hush() -> None:
     for name in ("distributed", "tornado", "asyncio", *logging.root.manager.loggerDict):
         if name.partition(".")[0] in ("distributed", "tornado", "asyncio"):
             logging.getLogger(name).setLevel(logging.CRITICAL)
+
+
+async def _exit() -> None:
+    """In a worker whose thread hangs; Dask waits for the answer of anything that is not a coroutine."""
+    os._exit(1)
 
 
 def close_cluster(cluster: Any) -> None:

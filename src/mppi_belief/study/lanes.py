@@ -1,7 +1,6 @@
 """Workers on this machine: a process pool of one process for each, so that a death tells which chunk it took along."""
 
 import multiprocessing
-import signal
 import time
 from collections.abc import Callable, Iterable
 from concurrent.futures import Future, ProcessPoolExecutor
@@ -9,7 +8,7 @@ from concurrent.futures.process import BrokenProcessPool
 from multiprocessing.process import BaseProcess
 from typing import Any
 
-from .signals import STOPPING
+from .signals import masked
 from .worker import Setup, ready, start_worker
 
 STARTS = 3  # so many workers in a row may die before they have started
@@ -40,15 +39,12 @@ class Lane:
 
     def submit(self, function: Callable[..., Any], *args: Any) -> Future[Any]:
         # children inherit the mask: a Ctrl-C that reaches them while Python starts must not print a traceback
-        before = signal.pthread_sigmask(signal.SIG_BLOCK, STOPPING)
-        try:
+        with masked():
             try:
                 future = self._open().submit(function, *args)
             except BrokenProcessPool:  # it died while it had nothing to do
                 self.close(kill=True)
                 future = self._reopened(function, *args)
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
         self.last, self.busy, self.since = future, True, time.monotonic()
         return future
 

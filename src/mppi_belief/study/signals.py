@@ -3,6 +3,7 @@
 import signal
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from multiprocessing import resource_tracker
 from types import FrameType
 
 STOPPING = {signal.SIGINT, signal.SIGTERM}
@@ -35,6 +36,7 @@ def held() -> Iterator[None]:
 @contextmanager
 def masked() -> Iterator[None]:
     """Signals wait meanwhile; threads and processes that are started here never get them from a terminal."""
+    resource_tracker.ensure_running()  # the first process to start would start it, and it lets signals in again
     before = signal.pthread_sigmask(signal.SIG_BLOCK, STOPPING)
     try:
         yield
