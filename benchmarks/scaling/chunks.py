@@ -13,7 +13,7 @@ from typing import Any
 
 import rounds
 from mppi_belief.study import environment, executors
-from mppi_belief.study.plan import Cell, Chunk
+from mppi_belief.study.plan import IDENTITY, Cell, Chunk
 from mppi_belief.study.pool import Pool, Workers
 from mppi_belief.study.worker import Setup
 
@@ -21,7 +21,6 @@ from .sizes import Sizes
 
 WORKERS, TRIALS = 2, 10
 KINDS = {"local": {"kind": "local"}, "dask": {"kind": "dask", "address": None, "patience": 60.0}}
-GROUPS = ("system", "cost", "problem", "filter", "controller")
 
 
 def row(trial: int) -> dict[str, Any]:
@@ -67,7 +66,7 @@ def measure(sizes: Sizes, folder: Path) -> dict[str, Any]:
 
 def timed(workers: Workers, count: int, clock: Callable[[], float] = time.perf_counter) -> tuple[float, float]:
     """Wall and processor time of each of `count` chunks (ms), of cells of their own: the pool would join others."""
-    config: dict[str, Any] = {group: {} for group in GROUPS}
+    config: dict[str, Any] = {key: {} for key in IDENTITY}
     config |= {"names": {"controller": "none"}, "precision": "float32", "platform": "cpu"}
     cells = [Cell(config | {"seed": seed, "batch": 1}) for seed in range(count)]
     wall, cpu = clock(), time.process_time()
