@@ -47,11 +47,13 @@ class Pendulum:
 def run(problem: mb.Problem, controls: Array, measurements: Array) -> mb.Belief:
     """Beliefs (T,) of a run of predict and correct."""
 
-    def step(at: mb.Belief, data: tuple[Array, Array]) -> tuple[mb.Belief, mb.Belief]:
+    def step(at: belief.RootBelief, data: tuple[Array, Array]) -> tuple[belief.RootBelief, mb.Belief]:
         after = belief.correct(problem, belief.predict(problem, at, data[0]), data[1])
-        return after, after
+        return after, mb.Belief(after.mean, after.cov)
 
-    return jax.lax.scan(step, belief.prior(problem), (controls, measurements))[1]
+    prior = belief.prior(problem)
+    start = belief.RootBelief(prior.mean, semidefinite_root(prior.cov))
+    return jax.lax.scan(step, start, (controls, measurements))[1]
 
 
 def test_prior_is_the_problems(light_dark, x64):

@@ -68,8 +68,8 @@ def _ahead(problem: Problem, mean: Array, root: Array, u: Array) -> tuple[Array,
 
 
 def covariance(root: Array) -> Array:
-    """root root' (nx, nx), semidefinite on its own scale whatever the root."""
-    return symmetrise(root @ root.T)
+    """root root' for (..., nx, nx), semidefinite on its own scale whatever the root."""
+    return symmetrise(root @ jnp.swapaxes(root, -1, -2))
 
 
 def absorb(root: Array, C: Array, R_s: Array) -> tuple[Array, Array, Array]:
