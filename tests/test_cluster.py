@@ -160,7 +160,7 @@ def test_the_worker_of_a_trial_that_hangs_is_ended():
     with pytest.raises(Overtime):
         workers.collect(future)
     workers.discard(future)
-    assert client.ran == [(1, {"workers": ["tcp://worker-1"], "wait": False})]
+    assert client.ran == [({"workers": ["tcp://worker-1"], "wait": False},)]
 
 
 def test_only_what_has_not_begun_is_taken_back():
