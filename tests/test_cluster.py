@@ -80,7 +80,7 @@ class Client:
         return {"tcp://worker-0": tuple(self.begun)}
 
     def run(self, *args: Any, **how: Any) -> None:
-        self.ran.append((*args[1:], how))
+        self.ran.append((*args, how))
 
     def close(self, timeout: float) -> None:
         raise TimeoutError("the loop is gone")
@@ -160,7 +160,7 @@ def test_the_worker_of_a_trial_that_hangs_is_ended():
     with pytest.raises(Overtime):
         workers.collect(future)
     workers.discard(future)
-    assert client.ran == [({"workers": ["tcp://worker-1"], "wait": False},)]
+    assert client.ran == [(cluster._exit, {"workers": ["tcp://worker-1"], "wait": False, "on_error": "ignore"})]
 
 
 def test_only_what_has_not_begun_is_taken_back():

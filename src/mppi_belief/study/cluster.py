@@ -111,7 +111,7 @@ class Cluster:
         if future in self._homes:
             self._seen = 0.0
             with _reached():
-                self.site.client.run(_exit, workers=[self._homes[future]], wait=False)
+                self.site.client.run(_exit, workers=[self._homes[future]], wait=False, on_error="ignore")
 
     def withdraw(self, futures: Iterable[Future[Any]]) -> list[Future[Any]]:
         """Take back what no worker has begun; what was taken back."""
