@@ -11,7 +11,6 @@ import sys
 import uuid
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields
-from multiprocessing import resource_tracker
 from typing import Any
 
 from omegaconf import OmegaConf
@@ -119,7 +118,6 @@ def _start(cluster: Callable[[], Any]) -> tuple[Any, Any]:
     from distributed import Client
 
     dask.config.set({"distributed.scheduler.allowed-failures": 0})  # the pool decides what is tried again
-    resource_tracker.ensure_running()  # which lets signals in again when it starts
     try:
         with masked():  # workers must not answer a Ctrl-C in the terminal
             made = cluster()
