@@ -50,6 +50,8 @@ def test_as_many_jobs_as_asked_for_and_then_silence(queue):
     before = calls(queue, "squeue")
     jobs.tend(here)
     assert (calls(queue, "sbatch"), calls(queue, "squeue")) == (3, before)
+    jobs.tend(here[:3])
+    assert (calls(queue, "sbatch"), calls(queue, "squeue")) == (3, before + 1)
     jobs.end()
     assert "scancel --name=mine" in (queue / "calls").read_text()
 
@@ -95,13 +97,13 @@ def test_jobs_that_end_before_a_worker_comes_end_the_run(queue):
 
 
 def test_jobs_that_had_a_worker_may_end_as_often_as_they_like(queue):
-    jobs = Jobs("", "mine", 1)
-    for number in range(1, 10):
+    jobs = Jobs("", "mine", 3)
+    for number in range(1, 10, 3):
         jobs.tend([])
-        jobs.tend([number])
+        jobs.tend([number, number + 1, number + 2])
         (queue / "queue").write_text("")
-        jobs.tend([])
-    assert calls(queue, "sbatch") >= 9
+        jobs.tend([])  # all at once, as when their walltime is over
+    assert calls(queue, "sbatch") == 12
 
 
 @pytest.mark.parametrize(
