@@ -120,6 +120,8 @@ class Pool:
         while not wait([future], timeout=TICK).done:
             if self._stopping.is_set() and self._workers.withdraw([future]):
                 self._stop_waiting()
+            if self._seconds is not None and self._workers.age(future) > self._seconds + PATIENCE:
+                self._workers.discard(future)  # it cannot look at the clock itself
         try:
             return self._workers.collect(future)
         except Overtime:
