@@ -3,6 +3,7 @@
 import os
 import threading
 import time
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -69,7 +70,7 @@ def test_it_takes_over_paths_and_variables(monkeypatch):
     enter(Setup(["new"], {"CHANGED": "2"}))
     import sys
 
-    assert sys.path == ["new", "old"]
+    assert sys.path == [str(Path("new").resolve()), "old"]
     assert (os.environ["KEPT"], os.environ["CHANGED"]) == ("1", "2")
 
 
