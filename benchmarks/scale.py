@@ -80,8 +80,9 @@ def measured(part: Any, sizes: Sizes) -> dict[str, Any]:
     return found
 
 
-def markdown(report: dict[str, Any], known: Mapping[str, Any] = PARTS) -> str:
+def markdown(report: dict[str, Any], known: Mapping[str, Any] | None = None) -> str:
     """The tables of all parts that are there, what failed, when and where they were measured."""
+    known = PARTS if known is None else known
     shown = [name for name in known if name in report]
     parts = [known[name].markdown(report[name]["numbers"]) for name in shown if "numbers" in report[name]]
     parts += [f"Not measured: {name} ({report[name]['error']})" for name in shown if "error" in report[name]]
