@@ -40,7 +40,7 @@ calibration: install  ## search the numbers the paper leaves open, half an hour 
 test: install  ## the test suite
 	OMP_NUM_THREADS=1 NPROC=1 $(BIN)/python -m pytest -n $(TEST_WORKERS) --dist loadfile $(ARGS)
 
-test-faults: install  ## everything a run must survive, ten minutes: docs/reliability.md
+test-faults: install  ## everything a run must survive, a quarter of an hour: docs/reliability.md
 	OMP_NUM_THREADS=1 NPROC=1 $(BIN)/python -m pytest -n $(TEST_WORKERS) --dist loadfile -m "long or not long" tests/faults $(ARGS)
 
 test-scenarios: install  ## ten thousand random scenarios of every controller in both precisions, half an hour
