@@ -13,7 +13,7 @@ from cli_helpers import TIMEOUT, Said, command, started
 from mppi_belief.study import results
 from study_helpers import members, poll
 
-N_TRIALS = 200
+N_TRIALS = 800
 # trials of some 10 ms each, so that an interruption comes in between
 STUDY = ["run", "system=scalar_linear", "planner.n_samples=16", "planner.horizon=4", "problem.steps=600"]
 STUDY += [f"n_trials={N_TRIALS}"]
