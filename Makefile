@@ -53,7 +53,7 @@ test-solver:  ## the trajectory optimiser against Crocoddyl (1 GB, in an environ
 
 SLURM := tests/cluster/slurm_on_one_machine.sh
 
-test-cluster: install  ## jobs of a real Slurm, which is set up here and torn down (as root, Debian 12, ten minutes)
+test-cluster: install  ## jobs of a real Slurm, which is set up here and torn down (as root, Debian 12, a quarter of an hour)
 	$(SLURM) up
 	OMP_NUM_THREADS=1 NPROC=1 $(BIN)/python -m pytest -o addopts="-q" tests/cluster $(ARGS); \
 	  ended=$$?; $(SLURM) down; exit $$ended
