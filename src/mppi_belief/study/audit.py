@@ -12,8 +12,7 @@ import pandas as pd
 from ..settings import labels
 from .contents import Contents, belongs, superseded
 from .results import COLUMNS, Stored, ranges
-
-DETERMINED = ("ok", "diverged")  # how a trial ends by itself: the same configuration ends it the same
+from .task import FINAL
 
 
 def audit(contents: Contents) -> list[str]:
@@ -90,7 +89,7 @@ def _differing(frames: Sequence[pd.DataFrame], key: list[str], what: str) -> lis
         return []
     rows = pd.concat(frames, ignore_index=True)
     if "status" in rows:
-        rows = rows[rows["status"].isin(DETERMINED)]
+        rows = rows[rows["status"].isin(FINAL)]
     twice = rows[rows.duplicated(key, keep=False)]
     bits = pd.Series([repr(_plain(row)) for row in twice.to_dict("records")], index=twice.index, dtype=object)
     kinds = bits.groupby([twice[name] for name in key]).nunique()

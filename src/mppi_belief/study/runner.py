@@ -16,9 +16,7 @@ from .plan import Cell, Chunk, chunks
 from .pool import Pool, Workers
 from .provenance import provenance
 from .signals import StoppedAtOnce, polite_stop
-from .task import Order, Outcome, Task
-
-FINAL = ("ok", "diverged")  # trials that would end the same way again
+from .task import FINAL, Order, Outcome, Task
 
 
 def say(line: str) -> None:
