@@ -4,15 +4,18 @@ import errno
 import json
 import re
 import shlex
+import signal
+import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from subprocess import PIPE
 
 import pytest
 from omegaconf import OmegaConf
 
 import mppi_belief
-from cli_helpers import CONF, SMALL, Said, call, collect, command, files_in, python, restored
+from cli_helpers import CONF, SMALL, TIMEOUT, Said, call, collect, command, files_in, python, restored
 from mppi_belief import cli
 from mppi_belief.settings import Planner, Settings
 from mppi_belief.study import files
@@ -274,3 +277,27 @@ def test_the_script_for_bash_completes(tmp_path):
     assert python(f"import subprocess; subprocess.run(['bash', '-c', {script!r}], check=True)", tmp_path) == (
         "controller. controller="
     )
+
+
+SWALLOWS = """
+import signal, time
+from mppi_belief import cli
+cli.GRACE = 0.5
+def careless():
+    while True:
+        try:
+            print("in its hands", flush=True)
+            time.sleep(60)
+        except BaseException:
+            pass
+cli._stoppable(careless)
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_command_that_takes_the_signal_for_its_own_ends_all_the_same(number):
+    with subprocess.Popen([sys.executable, "-c", SWALLOWS], stdout=PIPE, stderr=PIPE, text=True) as process:
+        assert process.stdout.readline() == "in its hands\n"
+        process.send_signal(number)
+        _, said = process.communicate(timeout=TIMEOUT)
+    assert (process.returncode, said) == (128 + number, "mppi-belief: stopped\n")

@@ -24,12 +24,6 @@ def test_euler_step_by_hand(x64):
     np.testing.assert_allclose(after, [3.05, 0.98, 0.7, -0.6], rtol=1e-14)
 
 
-def test_process_noise_acts_on_velocity_in_proportion_to_time(x64):
-    for dt in (DT, 2 * DT):
-        cov = discretise.process_cov(system("sample"), dt)
-        np.testing.assert_allclose(cov, np.diag([0, 0, 0.09 * dt, 0.09 * dt]), atol=1e-16)
-
-
 def test_sigma_o_is_a_samples_standard_deviation_or_an_intensity(x64):
     variance = (2 / np.sqrt(2) + 0.1) ** 2
     sample, intensity = system("sample"), system("intensity")

@@ -203,8 +203,8 @@ def test_files_of_the_first_format_are_still_read(tmp_path):
     pq.write_table(pq.read_table(path).replace_schema_metadata({b"mppi-belief": json.dumps(about)}), path)
     assert results.read_rows(tmp_path)["trial"].tolist() == [0, 1, 4]
     expected = {"trials": [[0, 1], [4, 4]], **about}
-    assert results.read_sources(tmp_path, [1]) == [expected]
-    assert results.read_sources(tmp_path, [2, 3]) == []
+    assert results.sources_of(results.read_parts(tmp_path), [1]) == [expected]
+    assert results.sources_of(results.read_parts(tmp_path), [2, 3]) == []
 
 
 def test_paths_that_are_torn_or_not_ours_are_named_and_left_out(tmp_path):
@@ -234,7 +234,7 @@ def test_paths_that_are_torn_or_not_ours_are_named_and_left_out(tmp_path):
 
 
 def test_sources_are_those_of_the_files_that_can_be_read_and_hold_these_trials(tmp_path):
-    assert results.read_sources(tmp_path / "missing", range(9)) == []
+    assert results.sources_of(results.read_parts(tmp_path / "missing"), range(9)) == []
     for trial, commit in ((5, "b"), (0, "a")):
         results.write_rows(tmp_path, [row(trial)], {"commit": commit, "elapsed": 1.5})
     (whole, _) = sorted(tmp_path.glob("part-*"))
@@ -251,9 +251,9 @@ def test_sources_are_those_of_the_files_that_can_be_read_and_hold_these_trials(t
     first, second = (
         {"trials": [[trial, trial]], "commit": commit, "elapsed": 1.5} for trial, commit in ((0, "a"), (5, "b"))
     )
-    assert results.read_sources(tmp_path, range(9)) == [first, second]
-    assert results.read_sources(tmp_path, range(5)) == [first]
-    assert results.read_sources(tmp_path, [5]) == [second]
+    assert results.sources_of(results.read_parts(tmp_path), range(9)) == [first, second]
+    assert results.sources_of(results.read_parts(tmp_path), range(5)) == [first]
+    assert results.sources_of(results.read_parts(tmp_path), [5]) == [second]
 
 
 def test_a_place_that_can_be_written_is_made_and_left_empty(tmp_path):

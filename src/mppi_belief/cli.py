@@ -19,6 +19,7 @@ from .settings import ConfigError, plain_line, unknown_key
 from .study.signals import STOPPING, held
 
 NOT_HELD, INPUT_ERROR, SOME_FAILED, CANNOT_WRITE, NOBODY_WORKS, CUT_OFF = 1, 2, 3, 74, 75, 141
+GRACE = 10.0  # s that a command has to end once it is told to
 
 
 def main() -> int:
@@ -80,6 +81,9 @@ def _stoppable(command: Callable[[], int]) -> int:
 
     def stop(number: int, frame: FrameType | None) -> None:
         signal.pthread_sigmask(signal.SIG_BLOCK, STOPPING)  # once is enough
+        # what is imported or called meanwhile may take the exception for one of its own
+        signal.signal(signal.SIGALRM, lambda *_: os._exit(_complain("stopped", 128 + number)))
+        signal.setitimer(signal.ITIMER_REAL, GRACE)
         raise KeyboardInterrupt(number)
 
     before = {number: signal.signal(number, stop) for number in STOPPING}
@@ -90,6 +94,7 @@ def _stoppable(command: Callable[[], int]) -> int:
     except KeyboardInterrupt as stopped:
         return _complain("stopped", 128 + (stopped.args[0] if stopped.args else signal.SIGINT))
     finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
         signal.pthread_sigmask(signal.SIG_BLOCK, STOPPING)
         for number, handler in before.items():
             signal.signal(number, handler)

@@ -19,11 +19,6 @@ def euler_step(system: System, x: Array, u: Array, dt: Array | float) -> Array:
     return x + (system.f(x) + system.G(x) @ u) * dt
 
 
-def process_cov(system: System, dt: Array | float) -> Array:
-    """Covariance Q dt = H H' dt of a step's process noise (nx, nx)."""
-    return system.H @ system.H.T * dt
-
-
 def measurement_factor(system: System, x: Array, dt: Array | float) -> Array:
     """F with F F' = R_s(x): v = F n for standard normal n; (ny, ny)."""
     scale = 1.0 if system.noise_convention == "sample" else 1.0 / jnp.sqrt(dt)

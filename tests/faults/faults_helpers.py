@@ -4,7 +4,7 @@ import os
 import signal
 import subprocess
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -128,6 +128,13 @@ def cpu_seconds(pid: int) -> float:
     """What a process has computed."""
     fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def busiest(pids: Iterable[int], seconds: float = 0.3) -> int:
+    """The process that computes most from now on."""
+    before = {pid: cpu_seconds(pid) for pid in pids}
+    time.sleep(seconds)
+    return max(before, key=lambda pid: cpu_seconds(pid) - before[pid])
 
 
 def gone_after(group: int, seconds: float = 1.0) -> list[int]:

@@ -5,7 +5,7 @@ import signal
 
 import pytest
 
-from faults_helpers import STOPPED, Run, gone_after, when, workers_of
+from faults_helpers import STOPPED, Run, busiest, gone_after, when, workers_of
 from test_trials import N_TRIALS, STATUS, UNLUCKY, by_fate, study
 
 DASK = ("executor=dask", "workers=2")
@@ -16,7 +16,7 @@ def test_a_worker_that_is_killed_costs_nothing_but_time(tmp_path, undisturbed):
     run = Run(tmp_path)
     with run.begun(*DASK) as process:
         when(run.parts, process)
-        os.kill(workers_of(process.pid)[0], signal.SIGKILL)
+        os.kill(busiest(workers_of(process.pid)), signal.SIGKILL)
         assert process.wait(300) == 0, run.err
     assert "worker died; running" in run.err
     assert "Traceback" not in run.err

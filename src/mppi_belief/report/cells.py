@@ -83,7 +83,8 @@ class Found(NamedTuple):
 def find(cell: Cell, root: Path, wanted: int, warn: Callable[[str], object] = lambda line: None) -> Found:
     """Read a cell's results; what cannot be read is named to `warn` and left out."""
     folder = root / cell.id
-    rows = results.read_rows(folder, warn)
+    parts = results.read_parts(folder, warn)
+    rows = results.rows_of(parts)
     rows = rows[rows["trial"] < wanted].reset_index(drop=True)
     paths = results.read_paths(folder, warn)
     paths = paths[paths["trial"].isin(rows["trial"])]
@@ -96,7 +97,7 @@ def find(cell: Cell, root: Path, wanted: int, warn: Callable[[str], object] = la
         _json(folder, "scene", {"dt", "start", "goal", "obstacles", "radius"}),
         timing["seconds"] if timing else [],
         None if record is None else _json(folder, f"recording-{record}", {"trial", "samples", "matching"}),
-        results.read_sources(folder, rows["trial"]),
+        results.sources_of(parts, rows["trial"]),
     )
 
 

@@ -11,7 +11,7 @@ import pandas as pd
 
 from ..settings import labels
 from .contents import Contents, belongs, superseded
-from .results import COLUMNS, Stored, ranges
+from .results import COLUMNS, Stored, in_words, ranges
 from .task import FINAL
 
 
@@ -41,7 +41,7 @@ def _misplaced(contents: Contents) -> Iterator[str]:
         said = [trial for source in part.about["sources"] for pair in source["trials"] for trial in pair]
         inside, named = sorted(set(part.table["trial"].to_pylist())), _spread(part)
         if min([0, *inside, *said]) < 0 or named != ranges(inside):
-            yield f"{part.path}: it has trials {_trials(inside)}, its runs {_pairs(named)}"
+            yield f"{part.path}: it has trials {_trials(inside)}, its runs {in_words(named, most=5)}"
         for column, values in _foreign(part, configs[0] if configs else None).items():
             yield f"{part.path}: {column} {values} in its rows is not that of its configuration"
 
@@ -118,10 +118,4 @@ def _loose_paths(contents: Contents) -> Iterator[str]:
 
 
 def _trials(trials: Sequence[int]) -> str:
-    return _pairs(ranges(trials))
-
-
-def _pairs(pairs: Sequence[Sequence[int]], most: int = 5) -> str:
-    """Ranges of trials in words: "0..9, 12"."""
-    told = [str(first) if first == last else f"{first}..{last}" for first, last in pairs]
-    return ", ".join(told[:most]) + (f" and {len(told) - most} more" if len(told) > most else "") or "none"
+    return in_words(ranges(trials), most=5)

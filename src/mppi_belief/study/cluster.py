@@ -20,7 +20,7 @@ from weakref import WeakKeyDictionary
 
 from ..settings import ConfigError
 from .lanes import WorkerDied, WorkersGone
-from .runner import note
+from .say import note
 from .worker import Setup, enter
 
 SAME = ("mppi-belief", "jax", "jaxlib", "numpy")  # what the bits of a result depend on

@@ -116,14 +116,19 @@ class Pool:
         while self._workers.room() <= 0:
             self._stop_waiting()
             time.sleep(TICK)
-        future = self._workers.submit(within, self._seconds, function, *args)
+        future, overdue = self._workers.submit(within, self._seconds, function, *args), False
         while not wait([future], timeout=TICK).done:
             if self._stopping.is_set() and self._workers.withdraw([future]):
                 self._stop_waiting()
-            if self._seconds is not None and self._workers.age(future) > self._seconds + PATIENCE:
+            if not overdue and self._seconds is not None and self._workers.age(future) > self._seconds + PATIENCE:
                 self._workers.discard(future)  # it cannot look at the clock itself
+                overdue = True
         try:
             return self._workers.collect(future)
+        except WorkerDied as error:
+            if overdue:
+                raise Overtime(f"not done after {self._seconds:g} s") from error
+            raise
         except Overtime:
             self._workers.discard(future)
             raise

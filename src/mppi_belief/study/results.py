@@ -115,6 +115,13 @@ def ranges(trials: Collection[int]) -> list[list[int]]:
     return found
 
 
+def in_words(pairs: Sequence[Sequence[int]], most: int | None = None) -> str:
+    """Ranges of trials, the first so many of them: "0..9, 12 and 3 more"."""
+    told = [str(first) if first == last else f"{first}..{last}" for first, last in pairs]
+    more = len(told) - len(told[:most])
+    return ", ".join(told[:most]) + (f" and {more} more" if more else "") or "none"
+
+
 def _ignore(line: str) -> None:
     """Nobody to tell."""
 
@@ -212,7 +219,11 @@ def _known_first(table: pa.Table, schema: pa.Schema) -> pa.Table:
 
 def read_rows(folder: Path, warn: Callable[[str], object] = _ignore) -> pd.DataFrame:
     """The rows of a cell by trial, each trial once; a file that cannot be read is named to `warn` and left out."""
-    parts = read_parts(folder, warn)
+    return rows_of(read_parts(folder, warn))
+
+
+def rows_of(parts: Sequence[Stored]) -> pd.DataFrame:
+    """The rows of part files by trial, each trial once."""
     frames = [part.table.select(_ROWS.names).to_pandas().assign(_file=part.path.name) for part in parts]
     if not frames:
         return pd.DataFrame(columns=[*_TYPES])
@@ -233,10 +244,10 @@ def read_paths(folder: Path, warn: Callable[[str], object] = _ignore) -> pd.Data
     return pd.concat(frames).drop_duplicates(["trial", "step"]).sort_values(["trial", "step"], ignore_index=True)
 
 
-def read_sources(folder: Path, trials: Collection[int]) -> list[dict[str, Any]]:
-    """Where these trials come from: the sources of every readable part file that hold one of them."""
+def sources_of(parts: Sequence[Stored], trials: Collection[int]) -> list[dict[str, Any]]:
+    """Where these trials come from: the sources in part files that hold one of them."""
     wanted = sorted(trials)
-    sources = [source for part in read_parts(folder) for source in part.about["sources"]]
+    sources = [source for part in parts for source in part.about["sources"]]
     return [source for source in sources if _holds(source["trials"], wanted)]
 
 

@@ -1,6 +1,5 @@
 """One plan, one pool, one progress bar: run what is missing of a study's cells."""
 
-import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -15,19 +14,9 @@ from .ledger import Ledger
 from .plan import Cell, Chunk, chunks
 from .pool import Pool, Workers
 from .provenance import provenance
+from .say import note, say
 from .signals import StoppedAtOnce, polite_stop
 from .task import FINAL, Order, Outcome, Task
-
-
-def say(line: str) -> None:
-    """An event worth knowing: a line on stderr that leaves the progress bar whole."""
-    tqdm.write(line, file=sys.stderr)
-
-
-def note(line: str) -> None:
-    """The same for whoever watches."""
-    if sys.stderr.isatty():
-        say(line)
 
 
 def run_study(

@@ -8,7 +8,7 @@ from omegaconf import OmegaConf
 
 from ..report.summary import as_text, plain, summarise
 from ..study.contents import Contents, counts, runs, settings, superseded
-from ..study.results import FORMAT_VERSION
+from ..study.results import FORMAT_VERSION, in_words
 from ..study.shelf import age, files, size
 
 ALWAYS = ("theta", "w_obs", "seed")  # other settings are shown where they differ
@@ -74,7 +74,7 @@ def _run(source: dict[str, Any]) -> str:
     words = [str(word) for word in source.get("command") or []]
     versions = source.get("versions") or {}
     lines = {
-        "trials": spans(source["trials"]) if source.get("trials") else "-",
+        "trials": in_words(source["trials"]) if source.get("trials") else "-",
         "command": " ".join(words) or "-",
         "started": source.get("started", "-"),
         "commit": commit(source, short=False),
@@ -107,11 +107,6 @@ def commit(source: dict[str, Any], short: bool = True) -> str:
     if not head:
         return str((source.get("versions") or {}).get("mppi-belief", "-"))
     return f"{str(head)[: 7 if short else None]}{'+' if source.get('dirty') else ''}"
-
-
-def spans(pairs: Sequence[Sequence[int]]) -> str:
-    """Ranges of trials in words: "0..9, 12"."""
-    return ", ".join(str(first) if first == last else f"{first}..{last}" for first, last in pairs)
 
 
 def _all(values: Any, most: int = 3) -> str:
