@@ -12,7 +12,6 @@ from typing import Any
 import pytest
 
 from mppi_belief.settings import ConfigError
-from mppi_belief.study import pool as pool_module
 from mppi_belief.study.lanes import Lanes, WorkerDied, WorkersGone
 from mppi_belief.study.plan import Cell, Chunk
 from mppi_belief.study.pool import Pool
@@ -249,14 +248,3 @@ def test_workers_die_with_a_parent_that_is_killed(tmp_path):
     finally:
         parent.kill()
         parent.wait(10)
-
-
-def test_a_call_that_cannot_look_at_the_clock_is_ended_from_outside_and_not_tried_again(monkeypatch):
-    monkeypatch.setattr(pool_module, "PATIENCE", 0.5)
-    lines: list[str] = []
-    pool = local_pool(answer, 1, lines.append, seconds=0.5)
-    assert pool.call(answer, config(), [1]) == [(0, 1)]
-    with pytest.raises(Overtime):
-        pool.call(answer, config(stops=1), [1])
-    assert pool.call(answer, config(), [1]) == [(0, 1)]
-    pool.close()

@@ -11,10 +11,10 @@ from fault_work import HERE, unpicklable
 from faults_helpers import Ended, Run
 from mppi_belief.report.summary import summary
 from mppi_belief.study import pool
-from mppi_belief.study.lanes import Lanes, WorkerDied
+from mppi_belief.study.lanes import Lanes
 from mppi_belief.study.plan import Cell, Chunk
 from mppi_belief.study.results import read_table, result_hash
-from mppi_belief.study.worker import Lost, Setup
+from mppi_belief.study.worker import Lost, Overtime, Setup
 from study_helpers import TESTS, answer, config
 
 MINE = str(Path(__file__).parent / "mine")
@@ -114,11 +114,12 @@ def test_a_trial_that_holds_all_threads_is_ended_from_outside(tmp_path):
 
 
 def test_a_call_whose_worker_cannot_look_at_the_clock_is_ended_from_outside(monkeypatch):
-    """It has stopped altogether."""
+    """It has stopped altogether; once is enough."""
     monkeypatch.setattr(pool, "PATIENCE", 0.5)
     alone = pool.Pool(answer, Lanes(1, Setup([TESTS], {})), print, seconds=3)
-    with pytest.raises(WorkerDied):
+    with pytest.raises(Overtime):
         alone.call(answer, config(stops=1), [1])
+    assert alone.call(answer, config(), [1]) == [(0, 1)]
     alone.close()
 
 
