@@ -130,7 +130,7 @@ def cpu_seconds(pid: int) -> float:
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
-def busiest(pids: Iterable[int], seconds: float = 0.3) -> int:
+def busiest(pids: Iterable[int], seconds: float = 1.0) -> int:
     """The process that computes most from now on."""
     before = {pid: cpu_seconds(pid) for pid in pids}
     time.sleep(seconds)

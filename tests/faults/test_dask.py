@@ -5,22 +5,26 @@ import signal
 
 import pytest
 
-from faults_helpers import STOPPED, Run, busiest, gone_after, when, workers_of
+from faults_helpers import SMALL, STOPPED, Run, busiest, gone_after, when, workers_of
 from test_trials import N_TRIALS, STATUS, UNLUCKY, by_fate, study
 
 DASK = ("executor=dask", "workers=2")
 pytestmark = pytest.mark.long
 
 
-def test_a_worker_that_is_killed_costs_nothing_but_time(tmp_path, undisturbed):
-    run = Run(tmp_path)
+def test_a_worker_that_is_killed_costs_nothing_but_time(tmp_path):
+    long = ("-m", "controller=belief,ce", *SMALL, "planner.n_samples=20000", "n_trials=24")  # of half a second each
+    undisturbed, run = Run(tmp_path / "undisturbed", *long), Run(tmp_path / "disturbed", *long)
+    for one in (undisturbed, run):
+        one.folder.mkdir()
+    assert undisturbed.again().code == 0
     with run.begun(*DASK) as process:
         when(run.parts, process)
-        os.kill(busiest(workers_of(process.pid)), signal.SIGKILL)
+        os.kill(busiest(workers_of(process.pid)), signal.SIGKILL)  # the other may have nothing to do
         assert process.wait(300) == 0, run.err
     assert "worker died; running" in run.err
     assert "Traceback" not in run.err
-    assert run.hashes() == undisturbed.hashes
+    assert run.hashes() == undisturbed.hashes()
 
 
 def test_no_worker_outlives_its_parent_and_the_same_command_goes_on(tmp_path, undisturbed):

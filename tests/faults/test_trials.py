@@ -110,7 +110,7 @@ def test_a_trial_that_holds_all_threads_is_ended_from_outside(tmp_path):
     assert said.code == 3
     (rows,) = run.rows().values()
     assert rows["status"].tolist() == ["ok", "ok", "ok", "timeout"]
-    assert "no timing (WorkerDied: " in said.err
+    assert "no timing (Overtime: not done after" in said.err
 
 
 def test_a_call_whose_worker_cannot_look_at_the_clock_is_ended_from_outside(monkeypatch):
