@@ -34,6 +34,7 @@ _HOME = {
     "EKF": "filters",
     "ParticleFilter": "filters",
     "MPPIBelief": "controllers",
+    "JointBelief": "controllers",
     "EKFiLQG": "controllers",
     "PIPF": "controllers",
     "LQG": "controllers",

@@ -25,11 +25,11 @@ _NAMES = """
     is_finite le log log1p logistic lt max min mul ne neg not or pow rem round rsqrt select_n sign sin sqrt square sub
     tan tanh xor
 """
-_ELEMENTWISE = frozenset(_NAMES.split())
+ELEMENTWISE = frozenset(_NAMES.split())
 _SAME_AXES = ["reduce_max", "reduce_min", "reduce_sum", "squeeze"]
 
 
-class _Value(NamedTuple):
+class Value(NamedTuple):
     """An array, and whether its last axis is the samples'."""
 
     array: Any
@@ -40,7 +40,7 @@ def vmap_last(function: Callable[..., Any], mapped: Sequence[bool]) -> Callable[
     """`jax.vmap(function, in_axes=-1 where mapped and None where not, out_axes=-1)` of array arguments."""
 
     def mapping(*arrays: Any) -> Any:
-        values = [_Value(jnp.asarray(a), m) for a, m in zip(arrays, mapped, strict=True)]
+        values = [Value(jnp.asarray(a), m) for a, m in zip(arrays, mapped, strict=True)]
         sizes = sorted({v.array.shape[-1] for v in values if v.mapped})
         if len(sizes) > 1:
             raise ValueError(f"the last axes must have one size, the number of samples; they have {sizes}")
@@ -53,14 +53,14 @@ def vmap_last(function: Callable[..., Any], mapped: Sequence[bool]) -> Callable[
     return mapping
 
 
-def _replay(closed: core.ClosedJaxpr, inputs: Sequence[_Value], n: int) -> list[_Value]:
+def _replay(closed: core.ClosedJaxpr, inputs: Sequence[Value], n: int) -> list[Value]:
     jaxpr = closed.jaxpr
-    known: dict[Any, _Value] = {v: _Value(c, False) for v, c in zip(jaxpr.constvars, closed.consts, strict=True)}
+    known: dict[Any, Value] = {v: Value(c, False) for v, c in zip(jaxpr.constvars, closed.consts, strict=True)}
     known |= dict(zip(jaxpr.invars, inputs, strict=True))
 
-    def read(variable: Any) -> _Value:
+    def read(variable: Any) -> Value:
         if isinstance(variable, core.Literal):
-            return _Value(jnp.asarray(variable.val, _aval(variable).dtype), False)
+            return Value(jnp.asarray(variable.val, _aval(variable).dtype), False)
         return known[variable]
 
     for equation in jaxpr.eqns:
@@ -68,29 +68,29 @@ def _replay(closed: core.ClosedJaxpr, inputs: Sequence[_Value], n: int) -> list[
     return [read(v) for v in jaxpr.outvars]
 
 
-def _apply(equation: core.JaxprEqn, inputs: list[_Value], n: int) -> list[_Value]:
+def _apply(equation: core.JaxprEqn, inputs: list[Value], n: int) -> list[Value]:
     """One operation, on arrays whose last axis is the samples' where mapped."""
     primitive, params = equation.primitive, equation.params
     if primitive.name == "jit":
         return _replay(params["jaxpr"], inputs, n)
     if not any(v.mapped for v in inputs):
-        return [_Value(a, False) for a in _alone(equation, *(v.array for v in inputs))]
-    if primitive.name in _ELEMENTWISE:
+        return [Value(a, False) for a in _alone(equation, *(v.array for v in inputs))]
+    if primitive.name in ELEMENTWISE:
         shape = _aval(equation.outvars[0]).shape
         arrays = [_spread(v, n, shape) for v in inputs]
-        return [_Value(primitive.bind(*arrays, **params), True)]
+        return [Value(primitive.bind(*arrays, **params), True)]
     if primitive.name == "concatenate":
-        return [_Value(jnp.concatenate([_spread(v, n) for v in inputs], params["dimension"]), True)]
+        return [Value(jnp.concatenate([_spread(v, n) for v in inputs], params["dimension"]), True)]
     if primitive.name == "dot_general" and _is_short(equation):
-        return [_Value(_product(params["dimension_numbers"][0], *inputs), True)]
+        return [Value(_product(params["dimension_numbers"][0], *inputs), True)]
     if inputs[0].mapped and not any(v.mapped for v in inputs[1:]):
         adapted = _adapted(primitive.name, params, inputs[0].array)
         if adapted is not None:
-            return [_Value(primitive.bind(*(v.array for v in inputs), **adapted), True)]
-    return _left_to_vmap(equation, inputs)
+            return [Value(primitive.bind(*(v.array for v in inputs), **adapted), True)]
+    return left_to_vmap(equation, inputs)
 
 
-def _spread(value: _Value, n: int, shape: tuple[int, ...] | None = None) -> Array:
+def _spread(value: Value, n: int, shape: tuple[int, ...] | None = None) -> Array:
     """The array for n samples, stretched to `shape` before them if one is given: what is not mapped is repeated."""
     array = value.array if value.mapped else value.array[..., None]
     shape = array.shape[:-1] if shape is None else shape
@@ -125,14 +125,20 @@ def _aval(variable: Any) -> jax.ShapeDtypeStruct:
     return variable.aval
 
 
-def _is_short(equation: core.JaxprEqn) -> bool:
+def is_plain(equation: core.JaxprEqn) -> bool:
+    """Whether a `dot_general` has one type and no batch axes, and adds up something."""
     (left, _), (batch, _) = equation.params["dimension_numbers"]
     a, b = (_aval(v) for v in equation.invars)
     plain = equation.params["preferred_element_type"] in (None, a.dtype) and a.dtype == b.dtype
-    return plain and not batch and 0 < math.prod(a.shape[i] for i in left) <= LARGEST_UNROLLED
+    return plain and not batch and math.prod(a.shape[i] for i in left) > 0
 
 
-def _product(contracted: tuple[Sequence[int], Sequence[int]], a: _Value, b: _Value) -> Array:
+def _is_short(equation: core.JaxprEqn) -> bool:
+    (left, _), _ = equation.params["dimension_numbers"]
+    return is_plain(equation) and math.prod(_aval(equation.invars[0]).shape[i] for i in left) <= LARGEST_UNROLLED
+
+
+def _product(contracted: tuple[Sequence[int], Sequence[int]], a: Value, b: Value) -> Array:
     """A product of matrices, written out over the contracted axes."""
     A, B = (
         jnp.moveaxis(v.array if v.mapped else v.array[..., None], axes, range(len(axes)))
@@ -147,10 +153,10 @@ def _product(contracted: tuple[Sequence[int], Sequence[int]], a: _Value, b: _Val
     return functools.reduce(operator.add, terms)
 
 
-def _left_to_vmap(equation: core.JaxprEqn, inputs: list[_Value]) -> list[_Value]:
+def left_to_vmap(equation: core.JaxprEqn, inputs: list[Value]) -> list[Value]:
     axes = tuple(-1 if v.mapped else None for v in inputs)
     mapping = jax.vmap(functools.partial(_alone, equation), in_axes=axes, out_axes=-1)
-    return [_Value(a, True) for a in mapping(*(v.array for v in inputs))]
+    return [Value(a, True) for a in mapping(*(v.array for v in inputs))]
 
 
 def _alone(equation: core.JaxprEqn, *arrays: Array) -> list[Array]:

@@ -181,7 +181,7 @@ def gain_schedule(
     "filter" runs the discrete recursion that the filter itself runs (D = K S K' / dt); "riccati"
     solves (11) with coefficients frozen over each step (K and D of the continuous theory, at t_k).
     """
-    step = {"filter": _filter_schedule_step, "riccati": _riccati_schedule_step}[method]
+    step = {"filter": filter_step, "riccati": _riccati_schedule_step}[method]
 
     def advance(at: tuple[Array, Array], given: tuple[Array, Array | None]) -> tuple[tuple[Array, Array], tuple]:
         u, replaced = given
@@ -195,7 +195,7 @@ def gain_schedule(
     return GainSchedule(mean, cov, gain, diffusion)
 
 
-def _filter_schedule_step(problem: Problem, mean: Array, root: Array, u: Array) -> tuple[Array, Array, Array, Array]:
+def filter_step(problem: Problem, mean: Array, root: Array, u: Array) -> tuple[Array, Array, Array, Array]:
     mean, root, K, moves = _measured(problem, *_ahead(problem, mean, root, u))
     return mean, root, K, covariance(moves) / problem.dt
 
