@@ -1,4 +1,4 @@
-"""A map over the last axis does what `jax.vmap` does there, and leaves the samples where they are."""
+"""Maps over the last axis do what `jax.vmap` does there; samples stay where they are, components are single vectors."""
 
 import jax
 import jax.numpy as jnp
@@ -7,6 +7,8 @@ import pytest
 
 from helpers import light_dark_problem
 from mppi_belief.batching import LARGEST_UNROLLED, vmap_last
+from mppi_belief.belief import filter_step
+from mppi_belief.componentwise import LARGEST, componentwise
 from mppi_belief.discretise import euler_step
 
 A = jnp.arange(12.0).reshape(3, 4) / 7 - 0.6
@@ -54,14 +56,15 @@ FUNCTIONS = {
 }
 
 
+@pytest.mark.parametrize("over_samples", [vmap_last, componentwise])
 @pytest.mark.parametrize("function", FUNCTIONS.values(), ids=FUNCTIONS)
-def test_it_is_vmap_on_the_last_axis(function):
+def test_it_is_vmap_on_the_last_axis(function, over_samples):
     x, u = (jax.random.normal(jax.random.key(i), (size, 5)) for i, size in enumerate((4, 2)))
     for mapped in ((True, True), (True, False)):
         args = (x, u if mapped[1] else u[:, 0])
         axes = tuple(-1 if m else None for m in mapped)
         wanted = jax.vmap(function, in_axes=axes, out_axes=-1)(*args)
-        got = vmap_last(function, mapped)(*args)
+        got = over_samples(function, mapped)(*args)
         assert jax.tree.structure(got) == jax.tree.structure(wanted)
         for a, b in zip(jax.tree.leaves(got), jax.tree.leaves(wanted), strict=True):
             assert a.dtype == b.dtype
@@ -83,14 +86,42 @@ def test_a_step_of_the_dynamics_moves_no_sample_to_another_axis():
     assert "[500," in str(jax.make_jaxpr(moved)(jnp.ones((4, 500)), jnp.ones((2, 500))))
 
 
-def test_the_number_of_samples_must_agree():
+@pytest.mark.parametrize("over_samples", [vmap_last, componentwise])
+def test_the_number_of_samples_must_agree(over_samples):
     for other in (6, 1):
         with pytest.raises(ValueError, match="number of samples"):
-            vmap_last(lambda x, u: x + u[0], (True, True))(jnp.ones((4, 5)), jnp.ones((2, other)))
+            over_samples(lambda x, u: x + u[0], (True, True))(jnp.ones((4, 5)), jnp.ones((2, other)))
 
 
-def test_a_product_has_the_type_asked_for():
+@pytest.mark.parametrize("over_samples", [vmap_last, componentwise])
+def test_a_product_has_the_type_asked_for(over_samples):
     a = jnp.full((4, 3), 100, jnp.int8)
-    found = vmap_last(lambda a: jnp.dot(a, a, preferred_element_type=jnp.int32), [True])(a)
+    found = over_samples(lambda a: jnp.dot(a, a, preferred_element_type=jnp.int32), [True])(a)
     assert found.dtype == jnp.int32
     np.testing.assert_array_equal(found, 40_000)
+
+
+def test_a_filter_step_becomes_vectors_and_multiplies_with_nothing_that_is_known():
+    problem = light_dark_problem()
+    step = componentwise(lambda mean, root, u: filter_step(problem, mean, root, u)[:2], (True, True, True))
+    text = str(jax.make_jaxpr(step)(jnp.ones((4, 9)), jnp.ones((4, 4, 9)), jnp.ones((2, 9))))
+    inside = text[: text.rindex("stack")]
+    assert "dot_general" not in text
+    assert "concatenate" not in inside
+    dense = 4 * (4 * 4 * 4)  # the products of a dense transition with a root and of four such roots
+    assert 0 < text.count(" mul ") < 2 * dense
+
+
+def test_what_is_known_to_be_nothing_takes_nothing_along():
+    found = componentwise(lambda x: jnp.diag(x) @ jnp.ones(2), (True,))(jnp.array([[jnp.inf], [1.0]]))
+    np.testing.assert_array_equal(found, [[jnp.inf], [1.0]])  # 0 times infinity would be no number
+
+
+def test_large_matrices_are_left_to_the_other_map():
+    n = LARGEST // 6 + 1
+    x = jax.random.normal(jax.random.key(0), (n, n, 3))
+    text = str(jax.make_jaxpr(componentwise(lambda x: x @ x, (True,)))(x))
+    assert f"f32[{n},{n},3]" in text
+    np.testing.assert_allclose(
+        componentwise(lambda x: x @ x, (True,))(x), jnp.einsum("ijn,jkn->ikn", x, x), rtol=1e-5, atol=1e-5
+    )

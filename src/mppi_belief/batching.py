@@ -41,16 +41,21 @@ def vmap_last(function: Callable[..., Any], mapped: Sequence[bool]) -> Callable[
 
     def mapping(*arrays: Any) -> Any:
         values = [Value(jnp.asarray(a), m) for a, m in zip(arrays, mapped, strict=True)]
-        sizes = sorted({v.array.shape[-1] for v in values if v.mapped})
-        if len(sizes) > 1:
-            raise ValueError(f"the last axes must have one size, the number of samples; they have {sizes}")
-        n = sizes[0]
+        n = samples_of(*zip(*values, strict=True))
         one = [jax.ShapeDtypeStruct(v.array.shape[:-1] if v.mapped else v.array.shape, v.array.dtype) for v in values]
         traced, shapes = jax.make_jaxpr(function, return_shape=True)(*one)
         outputs = _replay(traced, values, n)
         return jax.tree.unflatten(jax.tree.structure(shapes), [_spread(v, n) for v in outputs])
 
     return mapping
+
+
+def samples_of(arrays: Sequence[Any], mapped: Sequence[bool]) -> int:
+    """The size of the last axis of what is mapped."""
+    sizes = sorted({a.shape[-1] for a, m in zip(arrays, mapped, strict=True) if m})
+    if len(sizes) > 1:
+        raise ValueError(f"the last axes must have one size, the number of samples; they have {sizes}")
+    return int(sizes[0])
 
 
 def _replay(closed: core.ClosedJaxpr, inputs: Sequence[Value], n: int) -> list[Value]:

@@ -28,7 +28,8 @@ NAMES = (
     "control_law",
     "entropic_risk",
     "algorithm_1",
-)  # modules of `mppi_belief.verify`, in the order of the paper
+    "joint_covariance",
+)  # modules of `mppi_belief.verify`, in the order of the paper, then what goes beyond it
 FALSE_ALARM = 1e-4
 EPSILON = float(np.finfo(np.float64).eps)
 

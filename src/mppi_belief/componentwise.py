@@ -2,12 +2,12 @@
 
 `mppi_belief.batching.vmap_last` keeps a matrix of every sample as one array (n, m, N). A filter step inside a rollout
 takes such arrays apart and puts them together again between any two products, which costs more than the products.
-Here a function is traced once and its operations are replayed on tables of components, each a vector (N,), a number that
-is the same for all samples, or one that is known in advance. Moving components about costs nothing then, and what
-is known to be 0 or 1 (a Jacobian's entries, say) is not multiplied with; 0 times anything counts as 0.
+Here a function is traced once and its operations are replayed on tables of components, each a vector (N,), a number
+that is the same for all samples, or one that is known in advance. Moving components about costs nothing then, and
+what is known to be 0 or 1 (a Jacobian's entries, say) is not multiplied with; 0 times anything counts as 0.
 
-Rounding differs from `jax.vmap` in the order of sums only. Larger matrices are left to `vmap_last`, operations without a
-rule here to `jax.vmap`.
+Rounding differs from `jax.vmap` in the order of sums only. Larger matrices are left to `vmap_last`, operations
+without a rule here to `jax.vmap`.
 """
 
 import functools
@@ -21,7 +21,7 @@ import numpy as np
 from jax import Array
 from jax.extend import core
 
-from .batching import ELEMENTWISE, Value, is_plain, left_to_vmap, vmap_last
+from .batching import ELEMENTWISE, Value, is_plain, left_to_vmap, samples_of, vmap_last
 
 LARGEST = 36  # components of an array; beyond, a program of single components takes too long to compile
 Table = np.ndarray  # of objects: components
@@ -37,7 +37,7 @@ def componentwise(function: Callable[..., Any], mapped: Sequence[bool]) -> Calla
         ]
         if max(np.prod(a.shape, dtype=int) for a in one) > LARGEST:
             return vmap_last(function, mapped)(*arrays)
-        (n,) = {a.shape[-1] for a, m in zip(arrays, mapped, strict=True) if m}
+        n = samples_of(arrays, mapped)
         traced, shapes = jax.make_jaxpr(function, return_shape=True)(*one)
         outputs = _replay(traced, [_table(a, s.shape) for a, s in zip(arrays, one, strict=True)], n)
         leaves, tree = jax.tree.flatten(shapes)

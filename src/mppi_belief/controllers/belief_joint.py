@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from .. import path_integral as pi
-from ..belief import RootBelief, covariance, filter_step, gain_schedule, rooted
+from ..belief import GainSchedule, RootBelief, covariance, filter_step, gain_schedule, rooted
 from ..belief_cost import expected_terminal, risk_sensitive
 from ..componentwise import componentwise
 from ..problem import Belief, Problem
@@ -49,16 +49,20 @@ class JointBelief:
         def paths(key: Array, n: int) -> tuple[Array, Array, Array]:
             normals = pi.normals(key, (self.horizon, plan.shape[1], n), self.antithetic)
             increments = pi.matched_increments(problem, normals, self.temperature, self.control_std)
-            costs, means = self._costs(problem, start, plan[:, :, None] + increments)
+            costs, means = self.state_costs(problem, start, plan[:, :, None] + increments)
             return increments, costs + pi.girsanov(plan, increments, weight), means
 
         change, w, means = pi.weighted_in_blocks(paths, key, self.n_samples, self.temperature)
         improved = plan + change
-        nominal_cost = self._costs(problem, start, plan[:, :, None])[0][0]
+        nominal_cost = self.state_costs(problem, start, plan[:, :, None])[0][0]
         info = PlanInfo(pi.effective_sample_size(w), nominal_cost, gain_schedule(problem, belief, plan).cov, means, w)
         return improved[0], pi.receded(improved), info
 
-    def _costs(self, problem: Problem, start: RootBelief, controls: Array) -> tuple[Array, Array]:
+    def planned(self, problem: Problem, start: RootBelief, plan: Array) -> GainSchedule:
+        """What is expected along the nominal (H, nu) itself."""
+        return gain_schedule(problem, start, plan)
+
+    def state_costs(self, problem: Problem, start: RootBelief, controls: Array) -> tuple[Array, Array]:
         """State costs (N,) and means (H, nx, N) of the paths that controls (H, nu, N) lead along."""
         cost, samples = problem.cost, controls.shape[-1]
 
