@@ -30,6 +30,7 @@ _HOME = {
     "LightDark": "systems",
     "Linear": "systems",
     "ScalarLinear": "systems",
+    "Steered": "systems",
     "GoalObstacleCost": "costs",
     "EKF": "filters",
     "ParticleFilter": "filters",

@@ -9,6 +9,7 @@ with A, C the Jacobians at the mean (exact in the linear case, the EKF otherwise
 mean moves by an innovation of covariance K S K' = D dt.
 """
 
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import jax
@@ -95,14 +96,35 @@ def absorb(root: Array, C: Array, R_s: Array) -> tuple[Array, Array, Array]:
     return root, K @ T, jnp.stack(moves, axis=1)
 
 
+def aimed(problem: Problem, mean: Array, root: Array, sampled: bool = True) -> Problem:
+    """The problem with its sensor turned for a belief N(mean, root root'), as it is where that cannot be.
+
+    A system may have a method `aimed(mean, root, dt, sampled)` that returns the system with the observation it takes
+    of this belief, which may depend on nothing else: the filter, the plant and every plan ask here. `sampled`: the
+    belief is the predicted one, before a measurement every dt; otherwise it is that of (8) at t.
+    """
+    turn = getattr(problem.system, "aimed", None)
+    return problem if turn is None else replace(problem, system=turn(mean, root, problem.dt, sampled))
+
+
+def aimed_ahead(problem: Problem, belief: Any, u: Array) -> Problem:
+    """The problem with its sensor turned for the measurement that follows control u (nu,)."""
+    if not hasattr(problem.system, "aimed"):
+        return problem
+    ahead = predict(problem, belief, u)
+    return aimed(problem, ahead.mean, ahead.root)
+
+
 def correct(problem: Problem, belief: Belief | RootBelief, y: Array) -> RootBelief:
     """The belief after the measurement y (ny,), its noise taken at the predicted mean."""
+    problem = aimed(problem, belief.mean, rooted(belief))
     mean, root, K, _ = _measured(problem, belief.mean, rooted(belief))
     return RootBelief(mean + K @ (y - problem.system.c(mean)), root)
 
 
 def _measured(problem: Problem, mean: Array, root: Array) -> tuple[Array, Array, Array, Array]:
     """The mean as it is, and what `absorb` makes of a measurement linearised there."""
+    problem = aimed(problem, mean, root)
     C, R_s = jax.jacfwd(problem.system.c)(mean), measurement_cov(problem.system, mean, problem.dt)
     return mean, *absorb(root, C, R_s)
 
@@ -201,7 +223,7 @@ def filter_step(problem: Problem, mean: Array, root: Array, u: Array) -> tuple[A
 
 
 def _riccati_schedule_step(problem: Problem, mean: Array, root: Array, u: Array) -> tuple[Array, Array, Array, Array]:
-    system, dt = problem.system, problem.dt
+    system, dt = aimed(problem, mean, root, sampled=False).system, problem.dt
     A = jax.jacfwd(lambda x: system.f(x) + system.G(x) @ u)(mean)
     C = jax.jacfwd(system.c)(mean)
     R_o = measurement_intensity(system, mean, dt)

@@ -33,7 +33,8 @@ class Belief(NamedTuple):
 
 @runtime_checkable
 class System(Protocol):
-    """Control-affine dynamics (1a) and measurement (1b)."""
+    """Control-affine dynamics (1a) and measurement (1b); one whose sensor can be turned also has `aimed`, see
+    `mppi_belief.belief.aimed`."""
 
     @property
     def noise_convention(self) -> str:

@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from .belief import prior
+from .belief import aimed_ahead, prior
 from .discretise import euler_step, measurement_factor
 from .linalg import psd_factor, quadratic_form
 from .noise import standard_normal
@@ -96,6 +96,7 @@ def respond(
     problem: Problem, filter: Filter, x: Array, belief: Any, u: Array, plant: Array, filtering: Array, k: Array
 ) -> tuple[Array, Array, Any]:
     """What step k answers to control u: the next state (nx,), the measurement (ny,), the next belief."""
+    problem = aimed_ahead(problem, belief, u)
     x, y = plant_step(problem, x, u, jax.random.fold_in(plant, k))
     return x, y, filter.update(problem, belief, u, y, jax.random.fold_in(filtering, k))
 

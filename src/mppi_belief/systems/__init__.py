@@ -3,5 +3,6 @@
 from .light_dark import LightDark
 from .linear import Linear
 from .scalar_linear import ScalarLinear
+from .steered import Steered
 
-__all__ = ["LightDark", "Linear", "ScalarLinear"]
+__all__ = ["LightDark", "Linear", "ScalarLinear", "Steered"]
