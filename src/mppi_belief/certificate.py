@@ -29,6 +29,7 @@ NAMES = (
     "entropic_risk",
     "algorithm_1",
     "joint_covariance",
+    "controlled_sensing",
 )  # modules of `mppi_belief.verify`, in the order of the paper, then what goes beyond it
 FALSE_ALARM = 1e-4
 EPSILON = float(np.finfo(np.float64).eps)

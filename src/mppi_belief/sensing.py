@@ -2,8 +2,8 @@
 
     Sigma C' R_o^-1 C Sigma = lambda G R^-1 G'     if     C = sigma_o O T' G' Sigma^-1,   T T' = lambda R^-1    (a)
 
-for every O (ny, nu) with O'O = I. A measurement every dt moves the mean by K S K' = D dt, S = C Sigma C' + R_o / dt, for
-the predicted Sigma; there D = lambda G R^-1 G' exactly, for
+for every O (ny, nu) with O'O = I. A measurement every dt moves the mean by K S K' = D dt, S = C Sigma C' + R_o / dt for
+the predicted covariance Sigma; there D = lambda G R^-1 G' exactly, for
 
     C = sigma_o O (I - W dt)^(-1/2) T' G' Sigma^-1,    W = T' G' Sigma^-1 G T                                    (b)
 
@@ -18,8 +18,6 @@ towards the matched one in the order of matrices, so that the residual of (15) n
 import jax.numpy as jnp
 from jax import Array
 
-from .linalg import triangular_root
-
 LEFT = 1e-4  # part of a variance that a measurement leaves at least; chosen: single precision resolves the rest
 
 
@@ -32,8 +30,10 @@ def matching_sensor(
     dt: Array | float = 0.0,
     limit: Array | float | None = None,
 ) -> Array:
-    """C (ny, nx) of (b) for a covariance root root' (nx, nx), G (nx, nu), R (nu, nu) and a factor `noise` (ny, ny) of the
-    intensity R_o; dt = 0 is (a). `limit` bounds the singular values of noise^-1 C, in 1 / (unit of the state, root of time).
+    """C (ny, nx) of (b), O the first columns of I, for a covariance root root' (nx, nx), G (nx, nu) and R (nu, nu).
+
+    `noise` (ny, ny) is a factor of the intensity R_o; dt = 0 is (a). `limit` bounds the singular values of noise^-1 C,
+    whose unit is 1 / (that of the state times the root of time).
 
     Where the covariance is used up, what is left of it is measured as well as `LEFT` allows; where there is none,
     nothing is. Raises ValueError for fewer measurements than controls.
@@ -42,11 +42,11 @@ def matching_sensor(
     if ny < nu:
         raise ValueError(f"a sensor that makes matching hold measures as much as there are controls: {ny} < {nu}")
     T = jnp.linalg.cholesky(temperature * jnp.linalg.inv(R))
-    L = triangular_root(root)
-    reach = _forward(L, G @ T)  # L^-1 G T: the diffusion that is wanted, in units of the covariance
+    inverse = jnp.linalg.pinv(root)
+    reach = inverse @ G @ T  # the diffusion that is wanted, in units of the covariance
     values, vectors = jnp.linalg.eigh(reach.T @ reach)
     stretch = 1.0 / jnp.sqrt(jnp.maximum(1.0 - values * dt, LEFT))
-    ratio = (vectors * stretch) @ vectors.T @ _backward(L, reach).T
+    ratio = (vectors * stretch) @ vectors.T @ reach.T @ inverse
     return noise[:, :nu] @ (ratio if limit is None else _clipped(ratio, limit))
 
 
@@ -55,26 +55,3 @@ def _clipped(M: Array, limit: Array | float) -> Array:
     squares, vectors = jnp.linalg.eigh(M @ M.T)
     kept = limit / jnp.sqrt(jnp.maximum(squares, limit**2))
     return (vectors * kept) @ vectors.T @ M
-
-
-def _forward(L: Array, M: Array) -> Array:
-    """X (n, m) with L X = M for triangular L (n, n); zero in components that have no variance of their own."""
-    rows: list[Array] = []
-    for i in range(len(L)):
-        rows.append(_over(M[i] - sum(L[i, k] * rows[k] for k in range(i)), L, i))
-    return jnp.stack(rows)
-
-
-def _backward(L: Array, M: Array) -> Array:
-    """X (n, m) with L' X = M, likewise."""
-    rows: list[Array] = []
-    for i in reversed(range(len(L))):
-        rows.insert(0, _over(M[i] - sum(L[i + 1 + k, i] * row for k, row in enumerate(rows)), L, i))
-    return jnp.stack(rows)
-
-
-def _over(row: Array, L: Array, i: int) -> Array:
-    """row / L_ii, or zero where L_ii is no more than the rounding of its row."""
-    own, whole = L[i, i], jnp.max(jnp.abs(L[i]))
-    known = own > len(L) * jnp.finfo(L.dtype).eps * whole
-    return jnp.where(known, row / jnp.where(known, own, 1.0), 0.0)

@@ -69,6 +69,12 @@ class Steered:
             return self
         noise = measurement_factor(self, mean, dt) * jnp.sqrt(dt)
         wanted = matching_sensor(
-            root, self.G(mean), as_matrix(self.control_weight), self.temperature, noise, dt if sampled else 0.0, self.limit
+            root,
+            self.G(mean),
+            as_matrix(self.control_weight),
+            self.temperature,
+            noise,
+            dt if sampled else 0.0,
+            self.limit,
         )
         return replace(self, C=wanted, selector="fixed")
