@@ -12,6 +12,7 @@ from .comparison import as_latex, differences, table_1
 from .files import write_text
 from .page import Picture, Section
 from .quality import quality
+from .sensing import sensing
 from .summary import summary
 
 Studies = dict[str, list[Found]]
@@ -152,6 +153,7 @@ BUILDERS: dict[str, Callable[[list[Found], Path], Section]] = {
     "diffusion": _diffusion,
     "horizon_and_samples": _samples,
     "quality_per_time": quality,
+    "controlled_sensing": sensing,
 }
 
 

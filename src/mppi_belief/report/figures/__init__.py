@@ -4,6 +4,7 @@ from .animation import animate
 from .diagnostics import ess_figure, residual_figure
 from .one_trial import one_trial
 from .quality import quality_figure
+from .sensing import sensing_figure
 from .style import BLUE, GREEN, INK, ORANGE, look, save, save_both
 from .sweeps import figure_2, theta_figure
 from .theory import certificate_figure
@@ -28,6 +29,7 @@ __all__ = [
     "residual_figure",
     "save",
     "save_both",
+    "sensing_figure",
     "theta_figure",
     "trajectories",
 ]
