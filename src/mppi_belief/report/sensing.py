@@ -23,8 +23,8 @@ def sensing(founds: list[Found], folder: Path) -> Section:
         "Matching by choosing what is sensed",
         [
             "Das and Tanaka's sequel (arXiv 2604.18941) makes the observation matrix a control. Here it is chosen from "
-            "the covariance so that matching (15) holds exactly at every step, on a moored platform in the plane that is "
-            "to be held away from where it rests; the fixed sensor measures its position with the same noise.",
+            "the covariance so that matching (15) holds exactly at every step, on a moored platform in the plane that "
+            "is to be held away from where it rests; the fixed sensor measures its position with the same noise.",
             *(text for name in SENSORS if (text := _against(chosen, name))),
             "What the sensor is chosen for is matching, not knowledge: it moves the estimate of the velocity only. A "
             "limit on its signal-to-noise ratio leaves a residual of (15), and what Algorithm 1 loses by it.",
