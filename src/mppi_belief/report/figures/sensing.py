@@ -1,6 +1,7 @@
 """What a sensor that is chosen to match does to Algorithm 1: where it brings the system, and what a limit costs."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -39,7 +40,7 @@ def _over_time(axes: Axes, kept: Sequence[Found]) -> None:
         scene, paths = found.scene or {}, found.paths[found.paths["trial"].isin(found.good["trial"])]
         place = paths.assign(place=[state[0] for state in paths["state"]]).groupby("step")["place"].mean()
         selector = found.cell.config["system"]["selector"]
-        style = {"color": look(found.method).colour, "ls": STYLES[selector]}
+        style: Any = {"color": look(found.method).colour, "ls": STYLES[selector]}
         axes.plot(place.index * scene["dt"], place, label=f"{found.name}, {SENSORS[selector]}", **style)
         axes.axhline(scene["goal"][0], color=GREY, lw=0.6, ls="--")
     axes.set(title="(a) mean of the kept trials, goal dashed", xlabel="time (s)", ylabel="$p_x$ (m)")
