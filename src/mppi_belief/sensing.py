@@ -35,7 +35,7 @@ def matching_sensor(
     `noise` (ny, ny) is a factor of the intensity R_o; dt = 0 is (a). `limit` bounds the singular values of noise^-1 C,
     whose unit is 1 / (that of the state times the root of time).
 
-    Where the covariance is used up, what is left of it is measured as well as `LEFT` allows; where there is none,
+    Where the covariance is used up, what is left of it is measured down to a part `LEFT`; where there is none,
     nothing is. Raises ValueError for fewer measurements than controls.
     """
     nu, ny = G.shape[1], noise.shape[0]
@@ -45,7 +45,7 @@ def matching_sensor(
     inverse = jnp.linalg.pinv(root)
     reach = inverse @ G @ T  # the diffusion that is wanted, in units of the covariance
     values, vectors = jnp.linalg.eigh(reach.T @ reach)
-    stretch = 1.0 / jnp.sqrt(jnp.maximum(1.0 - values * dt, LEFT))
+    stretch = 1.0 / jnp.sqrt(jnp.maximum(1.0 - values * dt, LEFT * values * dt))
     ratio = (vectors * stretch) @ vectors.T @ reach.T @ inverse
     return noise[:, :nu] @ (ratio if limit is None else _clipped(ratio, limit))
 
