@@ -155,8 +155,8 @@ def _limited(way: Along, rng: np.random.Generator) -> tuple[list[Check], Panel]:
         at_most(computed, rise, operations * EPSILON * condition, derived),
     ]
     times = way.at.dt * (1 + 8 * np.arange(values.shape[1]))
-    lines = [Line(f"t = {times[k]:.1f}", LIMITS[:-1].tolist(), values[:-1, k].tolist()) for k in (0, 2, 8)]
-    title = "What a limit on the sensor leaves of (15), four states"
+    lines = [Line(f"t = {times[k]:.1f}", LIMITS[5:-1].tolist(), values[5:-1, k].tolist()) for k in (0, 2, 8)]
+    title = "What a limited sensor leaves of (15)"
     return checks, Panel(title, "largest signal-to-noise ratio of the sensor", "residual ε", lines, "x")
 
 

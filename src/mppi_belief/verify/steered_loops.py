@@ -203,7 +203,7 @@ def _panel(forms: Sequence[np.ndarray], limited: Sequence[np.ndarray], expected:
     lines = [
         Line("c/N, predicted", grid.tolist(), list(100 * expected.per_sample / grid / best)),
         _points("sensor chosen to match", forms, best),
-        _points(f"the same up to a signal-to-noise ratio of {LIMIT:g}", limited, best),
+        _points(f"the same, limited to {LIMIT:g}", limited, best),
     ]
     return Panel("Excess cost of Algorithm 1, four states", "samples N", "excess cost (% of the optimum)", lines, "xy")
 
