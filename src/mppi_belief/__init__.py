@@ -34,6 +34,7 @@ _HOME = {
     "GoalObstacleCost": "costs",
     "EKF": "filters",
     "ParticleFilter": "filters",
+    "MixtureFilter": "filters",
     "MPPIBelief": "controllers",
     "JointBelief": "controllers",
     "EKFiLQG": "controllers",

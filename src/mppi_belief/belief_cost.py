@@ -2,8 +2,13 @@
 
 q(mu, Sigma)    = E[q(x)]
 q_RS(mu, Sigma) = E[q(x)] + theta / 2 Var[q(x)]
+
+and of a mixture sum_i w_i N(mu_i, Sigma_i), with E_i and Var_i those of its components:
+
+E[q] = sum_i w_i E_i,    Var[q] = sum_i w_i (Var_i + (E_i - E[q])^2)
 """
 
+import jax
 import jax.numpy as jnp
 from jax import Array
 
@@ -48,10 +53,47 @@ def risk_sensitive(
     is the certainty-equivalent planner (the rest of E[q] differs from base(mean) by the same for all paths).
     """
     m = running_moments(cost, mean, cov)
+    return _charged(m, m.penalty if expectation == "exact" else cost.penalty(mean), theta, risk)
+
+
+def _charged(m: CostMoments, penalty: Array, theta: Array | float, risk: str) -> Array:
     total = jnp.maximum(m.base_var + 2 * m.covariance + m.penalty_var, 0.0)  # quadrature weights may be negative
     variance = m.penalty_var if risk == "penalty" else total
-    penalty = m.penalty if expectation == "exact" else cost.penalty(mean)
     return m.base + penalty + 0.5 * theta * variance
+
+
+def mixture_moments(cost: Cost, weights: Array, means: Array, covs: Array) -> CostMoments:
+    """Moments of the running cost under sum_i w_i N(mu_i, Sigma_i); weights (m,), means (m, nx), covs (m, nx, nx).
+
+    Those within the components and those between them: deviations from the whole's expectation are taken before
+    they are multiplied, so nothing cancels.
+    """
+    each = jax.vmap(lambda mean, cov: running_moments(cost, mean, cov))(means, covs)
+    base, penalty = weights @ each.base, weights @ each.penalty
+    off_base, off_penalty = each.base - base, each.penalty - penalty
+    return CostMoments(
+        base,
+        penalty,
+        weights @ (each.base_var + off_base**2),
+        weights @ (each.penalty_var + off_penalty**2),
+        weights @ (each.covariance + off_base * off_penalty),
+    )
+
+
+def mixture_risk_sensitive(
+    cost: Cost,
+    weights: Array,
+    means: Array,
+    covs: Array,
+    theta: Array | float,
+    risk: str = "penalty",
+    expectation: str = "exact",
+) -> Array:
+    """q_RS () of a mixture; "at_mean" is the mean of the penalties at the components' means."""
+    m = mixture_moments(cost, weights, means, covs)
+    return _charged(
+        m, m.penalty if expectation == "exact" else weights @ jax.vmap(cost.penalty)(means), theta, risk
+    )
 
 
 def certainty_equivalent(cost: Cost, mean: Array) -> Array:
@@ -64,3 +106,8 @@ def expected_terminal(cost: Cost, mean: Array, cov: Array) -> Array:
     if isinstance(cost, ClosedFormCost):
         return cost.terminal_mean(mean, cov)
     return quadrature.expectation(cost.terminal, mean, cov)
+
+
+def mixture_terminal(cost: Cost, weights: Array, means: Array, covs: Array) -> Array:
+    """The same of a mixture."""
+    return weights @ jax.vmap(lambda mean, cov: expected_terminal(cost, mean, cov))(means, covs)

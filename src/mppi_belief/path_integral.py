@@ -95,7 +95,7 @@ def rollouts(problem: Problem, mean: Array, controls: Array, disturbance: Array 
 
 
 def _columns(mean: Array, n_samples: int) -> Array:
-    return mean if mean.ndim == 2 else jnp.broadcast_to(mean[:, None], (len(mean), n_samples))
+    return mean if mean.ndim > 1 else jnp.broadcast_to(mean[:, None], (len(mean), n_samples))
 
 
 def path_costs(

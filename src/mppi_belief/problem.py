@@ -128,7 +128,11 @@ class Controller(Protocol):
 
 @struct
 class Problem:
-    """Problem 1 with its prior N(prior_mean, diag(prior_std^2)) and its time grid t_k = k dt, k = 0..steps."""
+    """Problem 1 with its prior N(prior_mean, diag(prior_std^2)) and its time grid t_k = k dt, k = 0..steps.
+
+    With `prior_modes` (m, nx) the prior is the mixture of m Gaussians N(prior_mean + mode, diag(prior_std^2)), all
+    as likely unless `prior_weights` (m,) says otherwise (they need not add up to one).
+    """
 
     system: System
     cost: Cost
@@ -136,3 +140,5 @@ class Problem:
     prior_std: Array = array(ndim=1, ge=0)
     dt: float = number(gt=0)
     steps: int = size()
+    prior_modes: Array | None = array(ndim=2, optional=True)
+    prior_weights: Array | None = array(ndim=1, gt=0, optional=True)

@@ -35,14 +35,17 @@ def number(
     return dataclasses.field(default=default, metadata=rule)
 
 
-def array(*, ndim: int | tuple[int, ...], ge: float | None = None, gt: float | None = None) -> Any:
-    """An array leaf with the given number(s) of dimensions.
+def array(
+    *, ndim: int | tuple[int, ...], ge: float | None = None, gt: float | None = None, optional: bool = False
+) -> Any:
+    """An array leaf with the given number(s) of dimensions; `optional` makes it None where it is not given.
 
     Bounds are for every entry; for a weight that may be a diagonal or a matrix, `ndim=(1, 2)`, they
     are for the eigenvalues of the matrix, which must then be symmetric.
     """
     allowed = (ndim,) if isinstance(ndim, int) else ndim
-    return dataclasses.field(metadata={"kind": "array", "ndim": allowed, "ge": ge, "gt": gt})
+    rule = {"kind": "array", "ndim": allowed, "ge": ge, "gt": gt, "optional": optional}
+    return dataclasses.field(default=None, metadata=rule) if optional else dataclasses.field(metadata=rule)
 
 
 def size(default: Any = dataclasses.MISSING, *, ge: int = 1) -> Any:
@@ -119,7 +122,7 @@ def _check_range(value: float, rule: Any) -> None:
 
 
 def _array(value: Any, rule: Any) -> Any:
-    if _is_traced(value):
+    if _is_traced(value) or (value is None and rule["optional"]):
         return value
     try:
         result = np.asarray(value, dtype=float)

@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from .belief import aimed_ahead, prior
+from .belief import aimed_ahead, drawn_mode
 from .discretise import euler_step, measurement_factor
 from .linalg import psd_factor, quadratic_form
 from .noise import standard_normal
@@ -103,7 +103,7 @@ def respond(
 
 def draw_state(problem: Problem, key: Array) -> Array:
     """A state (nx,) from the prior."""
-    mean, cov = prior(problem)
+    mean, cov = drawn_mode(problem, key)
     return mean + psd_factor(cov)[0] @ standard_normal(key, mean.shape)
 
 

@@ -2,7 +2,9 @@
 
     minimise  E[ phi(mu_H, Sigma_H) + sum_k ( q_RS(mu_k, Sigma_k) + 1/2 u_k' R u_k ) dt ]
 
-over controls, Sigma_k being the schedule of Assumption 1 along the nominal trajectory.
+over controls, Sigma_k being the schedule of Assumption 1 along the nominal trajectory. Of a mixture of Gaussians
+(`filter=mixture`) every component moves from its own mean under the same controls, with its own schedule; costs are
+those of the mixture, its weights held at their present values over the horizon.
 """
 
 from typing import NamedTuple
@@ -12,8 +14,15 @@ import jax.numpy as jnp
 from jax import Array
 
 from .. import path_integral as pi
-from ..belief import GainSchedule, diffusion_factors, gain_schedule
-from ..belief_cost import certainty_equivalent, expected_terminal, risk_sensitive
+from ..belief import GainSchedule, MixtureBelief, RootBelief, diffusion_factors, gain_schedule
+from ..belief_cost import (
+    certainty_equivalent,
+    expected_terminal,
+    mixture_risk_sensitive,
+    mixture_terminal,
+    risk_sensitive,
+)
+from ..linalg import semidefinite_root
 from ..problem import Belief, Problem
 from ..pytree import choice, number, size, struct
 
@@ -69,6 +78,8 @@ class MPPIBelief:
 
     def act(self, problem: Problem, belief: Belief, plan: Array, key: Array) -> tuple[Array, Array, PlanInfo]:
         """The control (nu,), the nominal shifted by one step (H, nu), diagnostics."""
+        if isinstance(belief, MixtureBelief) and self.evaluate == "belief" and self.diffusion == "matched":
+            return self._act_on_mixture(problem, belief, plan, key)
         mean, schedule = belief.mean, gain_schedule(problem, belief, plan, self.schedule)
         weight = pi.girsanov_weight(problem, self.temperature, self.control_std, self.alpha)
 
@@ -83,6 +94,44 @@ class MPPIBelief:
         nominal_cost = self._costs(problem, mean, schedule.mean[1:, :, None], schedule.cov)[0]
         info = PlanInfo(pi.effective_sample_size(w), nominal_cost, schedule.cov, means, w)
         return improved[0], self._carry(improved), info
+
+    def _act_on_mixture(
+        self, problem: Problem, belief: MixtureBelief, plan: Array, key: Array
+    ) -> tuple[Array, Array, PlanInfo]:
+        """The same with every component's means (m, nx) and covariances (m, nx, nx) in the place of one."""
+        schedules = jax.vmap(lambda mean, root: gain_schedule(problem, RootBelief(mean, root), plan, self.schedule))(
+            belief.means, belief.roots
+        )
+        nominal, covs = jnp.swapaxes(schedules.mean, 0, 1), jnp.swapaxes(schedules.cov, 0, 1)
+        weight = pi.girsanov_weight(problem, self.temperature, self.control_std, self.alpha)
+
+        def paths(key: Array, n: int) -> tuple[Array, Array, Array]:
+            increments, _ = self._sample(problem, schedules, key, n)
+            controls = plan[:, :, None] + increments
+            means = jax.vmap(lambda mean: pi.rollouts(problem, mean, controls), out_axes=1)(belief.means)
+            costs = self._mixture_costs(problem, belief, means, covs) + pi.girsanov(plan, increments, weight)
+            return increments, costs, jnp.einsum("i,hi...->h...", belief.weights, means)
+
+        change, w, means = pi.weighted_in_blocks(paths, key, self.n_samples, self.temperature)
+        improved = plan + change
+        nominal_cost = self._mixture_costs(problem, belief, nominal[1:, :, :, None], covs)[0]
+        roots = jax.vmap(jax.vmap(semidefinite_root))(covs)
+        planned = jax.vmap(lambda means, roots: MixtureBelief(means, roots, belief.log_weights).cov)(nominal, roots)
+        info = PlanInfo(pi.effective_sample_size(w), nominal_cost, planned, means, w)
+        return improved[0], self._carry(improved), info
+
+    def _mixture_costs(self, problem: Problem, belief: MixtureBelief, means: Array, covs: Array) -> Array:
+        """Path costs (N,) for means (H, m, nx, N) along covs (H+1, m, nx, nx)."""
+        cost, weights = problem.cost, belief.weights
+        starts = jnp.broadcast_to(belief.means[:, :, None], means.shape[1:])
+
+        def running(mus: Array, covs: Array) -> Array:
+            return mixture_risk_sensitive(cost, weights, mus, covs, self.theta, self.risk, self.expectation)
+
+        def terminal(mus: Array, covs: Array) -> Array:
+            return mixture_terminal(cost, weights, mus, covs)
+
+        return pi.path_costs(problem, starts, means, covs, self.charge, running, terminal)
 
     def _rollouts(
         self, problem: Problem, mean: Array, plan: Array, increments: Array, disturbance: Array | None

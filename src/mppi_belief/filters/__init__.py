@@ -1,6 +1,7 @@
 """Filters, one file each."""
 
 from .ekf import EKF
+from .mixture import MixtureFilter
 from .particle import ParticleFilter
 
-__all__ = ["EKF", "ParticleFilter"]
+__all__ = ["EKF", "MixtureFilter", "ParticleFilter"]

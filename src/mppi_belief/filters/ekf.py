@@ -13,6 +13,9 @@ class EKF:
     """The discrete recursion of `mppi_belief.belief`, noise and Jacobians at the predicted mean."""
 
     def init(self, problem: Problem, key: Array) -> gaussian.RootBelief:
+        if problem.prior_modes is not None:
+            whole = gaussian.prior_mixture(problem)
+            return gaussian.RootBelief(whole.mean, whole.root)
         return gaussian.RootBelief(jnp.asarray(problem.prior_mean), jnp.diag(jnp.asarray(problem.prior_std)))
 
     def update(

@@ -15,7 +15,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from ..belief import prior
+from ..belief import drawn_mode
 from ..discretise import euler_step, measurement_cov
 from ..linalg import log_det_spd, psd_factor, quadratic_form, spd_inverse, symmetrise
 from ..noise import standard_normal
@@ -43,9 +43,9 @@ class ParticleFilter:
 
     def init(self, problem: Problem, key: Array) -> ParticleBelief:
         """Draws of the prior, equally weighted."""
-        mean, cov = prior(problem)
-        normals = standard_normal(key, (len(mean), self.n_particles))
-        return summarised(mean[:, None] + psd_factor(cov)[0] @ normals, jnp.zeros(self.n_particles))
+        means, cov = drawn_mode(problem, key, (self.n_particles,))
+        normals = standard_normal(key, (len(cov), self.n_particles))
+        return summarised(means.T + psd_factor(cov)[0] @ normals, jnp.zeros(self.n_particles))
 
     def update(self, problem: Problem, belief: ParticleBelief, u: Array, y: Array, key: Array) -> ParticleBelief:
         """Move every particle, weigh it by the measurement, resample where needed."""
