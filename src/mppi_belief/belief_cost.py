@@ -8,7 +8,8 @@ and of a mixture sum_i w_i N(mu_i, Sigma_i), with E_i and Var_i those of its com
 E[q] = sum_i w_i E_i,    Var[q] = sum_i w_i (Var_i + (E_i - E[q])^2)
 """
 
-import jax
+from collections.abc import Sequence
+
 import jax.numpy as jnp
 from jax import Array
 
@@ -68,16 +69,20 @@ def mixture_moments(cost: Cost, weights: Array, means: Array, covs: Array) -> Co
     Those within the components and those between them: deviations from the whole's expectation are taken before
     they are multiplied, so nothing cancels.
     """
-    each = jax.vmap(lambda mean, cov: running_moments(cost, mean, cov))(means, covs)
-    base, penalty = weights @ each.base, weights @ each.penalty
-    off_base, off_penalty = each.base - base, each.penalty - penalty
+    each = [running_moments(cost, mean, cov) for mean, cov in zip(means, covs, strict=True)]
+    base, penalty = _average(weights, [m.base for m in each]), _average(weights, [m.penalty for m in each])
     return CostMoments(
         base,
         penalty,
-        weights @ (each.base_var + off_base**2),
-        weights @ (each.penalty_var + off_penalty**2),
-        weights @ (each.covariance + off_base * off_penalty),
+        _average(weights, [m.base_var + (m.base - base) ** 2 for m in each]),
+        _average(weights, [m.penalty_var + (m.penalty - penalty) ** 2 for m in each]),
+        _average(weights, [m.covariance + (m.base - base) * (m.penalty - penalty) for m in each]),
     )
+
+
+def _average(weights: Array, values: Sequence[Array]) -> Array:
+    """sum_i w_i v_i (), component by component: as one array with an axis for them it takes twice as long."""
+    return sum((weights[i] * values[i] for i in range(1, len(values))), weights[0] * values[0])
 
 
 def mixture_risk_sensitive(
@@ -92,7 +97,7 @@ def mixture_risk_sensitive(
     """q_RS () of a mixture; "at_mean" is the mean of the penalties at the components' means."""
     m = mixture_moments(cost, weights, means, covs)
     return _charged(
-        m, m.penalty if expectation == "exact" else weights @ jax.vmap(cost.penalty)(means), theta, risk
+        m, m.penalty if expectation == "exact" else _average(weights, [cost.penalty(mean) for mean in means]), theta, risk
     )
 
 
@@ -110,4 +115,4 @@ def expected_terminal(cost: Cost, mean: Array, cov: Array) -> Array:
 
 def mixture_terminal(cost: Cost, weights: Array, means: Array, covs: Array) -> Array:
     """The same of a mixture."""
-    return weights @ jax.vmap(lambda mean, cov: expected_terminal(cost, mean, cov))(means, covs)
+    return _average(weights, [expected_terminal(cost, mean, cov) for mean, cov in zip(means, covs, strict=True)])

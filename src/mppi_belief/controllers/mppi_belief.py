@@ -55,6 +55,8 @@ class MPPIBelief:
     charge        the end of a step at which q is charged, see `mppi_belief.path_integral.path_costs`
     sees_state    an oracle: told the true state instead of the belief
     schedule      how the covariance is planned, see `mppi_belief.belief.gain_schedule`
+    plan_from     of a mixture: all its "components", or one Gaussian of its "moments"; with `evaluate: mean` or the
+                  innovation diffusion always the moments
     """
 
     n_samples: int = size(500)
@@ -71,6 +73,7 @@ class MPPIBelief:
     charge: str = choice("end", "start")
     schedule: str = choice("filter", "riccati")
     sees_state: bool = choice(False, True)
+    plan_from: str = choice("components", "moments")
 
     def init(self, problem: Problem) -> Array:
         """The zero nominal (H, nu)."""
@@ -78,7 +81,7 @@ class MPPIBelief:
 
     def act(self, problem: Problem, belief: Belief, plan: Array, key: Array) -> tuple[Array, Array, PlanInfo]:
         """The control (nu,), the nominal shifted by one step (H, nu), diagnostics."""
-        if isinstance(belief, MixtureBelief) and self.evaluate == "belief" and self.diffusion == "matched":
+        if isinstance(belief, MixtureBelief) and self._sees_components():
             return self._act_on_mixture(problem, belief, plan, key)
         mean, schedule = belief.mean, gain_schedule(problem, belief, plan, self.schedule)
         weight = pi.girsanov_weight(problem, self.temperature, self.control_std, self.alpha)
@@ -94,6 +97,10 @@ class MPPIBelief:
         nominal_cost = self._costs(problem, mean, schedule.mean[1:, :, None], schedule.cov)[0]
         info = PlanInfo(pi.effective_sample_size(w), nominal_cost, schedule.cov, means, w)
         return improved[0], self._carry(improved), info
+
+    def _sees_components(self) -> bool:
+        """Whether a mixture is more to it than its mean and covariance."""
+        return (self.plan_from, self.evaluate, self.diffusion) == ("components", "belief", "matched")
 
     def _act_on_mixture(
         self, problem: Problem, belief: MixtureBelief, plan: Array, key: Array
