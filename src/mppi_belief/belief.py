@@ -55,18 +55,14 @@ class MixtureBelief(NamedTuple):
 
     @property
     def cov(self) -> Array:
-        """sum_i w_i (Sigma_i + (mu_i - mu)(mu_i - mu)') (nx, nx)."""
-        return covariance(self._columns())
+        """(nx, nx), see `mixture_cov`."""
+        return mixture_cov(self.weights, self.means, covariance(self.roots))
 
     @property
     def root(self) -> Array:
         """A root (nx, nx) of it."""
-        return triangular_root(self._columns())
-
-    def _columns(self) -> Array:
-        """M (nx, m (nx + 1)) with M M' the covariance, which is thus semidefinite however far the means are apart."""
-        spread = jnp.concatenate([self.roots, (self.means - self.mean)[:, :, None]], axis=2)
-        return jnp.concatenate(list(spread * jnp.exp(0.5 * self.log_weights)[:, None, None]), axis=1)
+        columns = jnp.concatenate([self.roots, (self.means - self.mean)[:, :, None]], axis=2)
+        return triangular_root(jnp.concatenate(list(columns * jnp.sqrt(self.weights)[:, None, None]), axis=1))
 
 
 class GainSchedule(NamedTuple):
@@ -187,6 +183,12 @@ def _measured(problem: Problem, mean: Array, root: Array) -> tuple[Array, Array,
     problem = aimed(problem, mean, root)
     C, R_s = jax.jacfwd(problem.system.c)(mean), measurement_cov(problem.system, mean, problem.dt)
     return mean, *absorb(root, C, R_s)
+
+
+def mixture_cov(weights: Array, means: Array, covs: Array) -> Array:
+    """sum_i w_i (Sigma_i + (mu_i - mu)(mu_i - mu)') (nx, nx) for weights (m,), means (m, nx), covs (m, nx, nx)."""
+    off = means - weights @ means
+    return symmetrise(jnp.tensordot(weights, covs + off[:, :, None] * off[:, None, :], axes=1))
 
 
 def riccati_rate(cov: Array, A: Array, Q: Array, C: Array, R_o: Array) -> Array:

@@ -97,7 +97,10 @@ def mixture_risk_sensitive(
     """q_RS () of a mixture; "at_mean" is the mean of the penalties at the components' means."""
     m = mixture_moments(cost, weights, means, covs)
     return _charged(
-        m, m.penalty if expectation == "exact" else _average(weights, [cost.penalty(mean) for mean in means]), theta, risk
+        m,
+        m.penalty if expectation == "exact" else _average(weights, [cost.penalty(mean) for mean in means]),
+        theta,
+        risk,
     )
 
 

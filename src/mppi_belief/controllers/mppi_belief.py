@@ -14,7 +14,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from .. import path_integral as pi
-from ..belief import GainSchedule, MixtureBelief, RootBelief, diffusion_factors, gain_schedule
+from ..belief import GainSchedule, MixtureBelief, RootBelief, diffusion_factors, gain_schedule, mixture_cov
 from ..belief_cost import (
     certainty_equivalent,
     expected_terminal,
@@ -22,7 +22,6 @@ from ..belief_cost import (
     mixture_terminal,
     risk_sensitive,
 )
-from ..linalg import semidefinite_root
 from ..problem import Belief, Problem
 from ..pytree import choice, number, size, struct
 
@@ -122,8 +121,7 @@ class MPPIBelief:
         change, w, means = pi.weighted_in_blocks(paths, key, self.n_samples, self.temperature)
         improved = plan + change
         nominal_cost = self._mixture_costs(problem, belief, nominal[1:, :, :, None], covs)[0]
-        roots = jax.vmap(jax.vmap(semidefinite_root))(covs)
-        planned = jax.vmap(lambda means, roots: MixtureBelief(means, roots, belief.log_weights).cov)(nominal, roots)
+        planned = jax.vmap(mixture_cov, in_axes=(None, 0, 0))(belief.weights, nominal, covs)
         info = PlanInfo(pi.effective_sample_size(w), nominal_cost, planned, means, w)
         return improved[0], self._carry(improved), info
 

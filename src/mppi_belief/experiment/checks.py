@@ -72,6 +72,11 @@ def _check_functions(structure: Any, shapes: tuple[tuple[int, ...], ...], precis
 
     nx = len(problem.prior_mean)
     shape("prior_std", lambda p, x: jnp.asarray(p.prior_std), (nx,))
+    modes = 1 if problem.prior_modes is None else max(1, len(problem.prior_modes))
+    if problem.prior_modes is not None:
+        shape("problem.prior_modes", lambda p, x: jnp.asarray(p.prior_modes), (modes, nx))
+    if problem.prior_weights is not None:
+        shape("problem.prior_weights", lambda p, x: jnp.asarray(p.prior_weights), (modes,))
     shape("cost.goal", lambda p, x: jnp.asarray(p.cost.goal), (nx,))
     nu = shape("cost.R", lambda p, x: p.cost.R)[0]
     shape("cost.R", lambda p, x: p.cost.R, (nu, nu))
@@ -142,7 +147,8 @@ def _check_values(problem: Problem, precision: str) -> None:
     """Everything is finite (clearance may be inf), sigma_o invertible and R positive definite, at a few states."""
     mean, std, goal = (np.asarray(part) for part in (problem.prior_mean, problem.prior_std, problem.cost.goal))
     draws = mean + std * np.random.default_rng(0).normal(size=(DRAWS, len(mean)))
-    states = np.vstack([mean, goal, draws]).astype(precision)
+    modes = () if problem.prior_modes is None else mean + np.asarray(problem.prior_modes)
+    states = np.vstack([mean, goal, draws, *modes]).astype(precision)
     try:
         values = {name: np.asarray(value, dtype=float) for name, value in _values(problem, states).items()}
     except Exception as error:
