@@ -6,11 +6,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ..belief import prior_mixture
 from ..problem import Problem
 
 
 def describe_scene(problem: Problem) -> dict[str, Any]:
-    """dt, start, goal, obstacles and, in the plane, sigma_o on a grid."""
+    """dt, start (and `starts`, of a prior with modes), goal, obstacles and, in the plane, sigma_o on a grid."""
     system = problem.system
     start = np.asarray(system.position(jnp.asarray(problem.prior_mean)))
     goal = np.asarray(system.position(jnp.asarray(problem.cost.goal)))
@@ -18,6 +19,9 @@ def describe_scene(problem: Problem) -> dict[str, Any]:
     centers = np.asarray(obstacles.centers) if obstacles is not None else np.zeros((0, len(start)))
     scene: dict[str, Any] = {"dt": float(problem.dt), "start": start.tolist(), "goal": goal.tolist()}
     scene |= {"obstacles": centers.tolist(), "radius": float(obstacles.radius) if obstacles is not None else 0.0}
+    if problem.prior_modes is not None:
+        places = jax.vmap(system.position)(prior_mixture(problem).means)
+        scene["starts"] = np.round(np.asarray(places, dtype=float), 6).tolist()
     if len(start) == 2:
         scene["noise"] = _noise_map(problem, np.vstack([start, goal, *centers]))
     return scene

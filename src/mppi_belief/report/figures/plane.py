@@ -29,8 +29,8 @@ def draw_scene(
     for center in scene["obstacles"]:
         axes.add_patch(Circle(center, scene["radius"], zorder=2, **edge))
     for marker in ends(size):
-        point = scene["start"] if marker.get_marker() == "o" else scene["goal"]
-        marker.set_data([point[0]], [point[1]])
+        points = scene.get("starts", [scene["start"]]) if marker.get_marker() == "o" else [scene["goal"]]
+        marker.set_data([point[0] for point in points], [point[1] for point in points])
         axes.add_line(marker)
     axes.set_aspect("equal")
     levels = np.asarray(noise["level"])
