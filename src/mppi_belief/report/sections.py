@@ -14,6 +14,7 @@ from .page import Picture, Section
 from .quality import quality
 from .sensing import sensing
 from .summary import summary
+from .two_lanes import two_lanes
 
 Studies = dict[str, list[Found]]
 
@@ -22,7 +23,11 @@ def sections(studies: Studies, folder: Path) -> list[Section]:
     """Every section of the report, for the studies that have results."""
     some = {name: founds for name, founds in studies.items() if any(len(found.good) for found in founds)}
     made = [builder(some[name], folder) for name, builder in BUILDERS.items() if name in some]
-    others = [_general(name, founds, folder) for name, founds in some.items() if name not in BUILDERS]
+    rest = {name: founds for name, founds in some.items() if name not in BUILDERS}
+    others = [
+        BEYOND[name](founds, folder) if name in BEYOND else _general(name, founds, folder)
+        for name, founds in rest.items()
+    ]
     return [*made, *_reproduction(some, folder), *others]
 
 
@@ -155,6 +160,9 @@ BUILDERS: dict[str, Callable[[list[Found], Path], Section]] = {
     "quality_per_time": quality,
     "controlled_sensing": sensing,
 }
+
+# studies beyond the paper: a report has those that it is asked for by name
+BEYOND: dict[str, Callable[[list[Found], Path], Section]] = {"two_lanes": two_lanes}
 
 
 def _general(name: str, founds: list[Found], folder: Path) -> Section:

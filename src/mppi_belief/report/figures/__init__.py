@@ -3,6 +3,7 @@
 from .animation import animate
 from .diagnostics import ess_figure, residual_figure
 from .one_trial import one_trial
+from .plane import kept_in_plane
 from .quality import quality_figure
 from .sensing import sensing_figure
 from .style import BLUE, GREEN, INK, ORANGE, look, save, save_both
@@ -23,6 +24,7 @@ __all__ = [
     "ess_figure",
     "figure_1",
     "figure_2",
+    "kept_in_plane",
     "look",
     "one_trial",
     "quality_figure",
