@@ -47,6 +47,8 @@ def test_the_section_says_who_collides_and_who_arrives(tmp_path):
     assert section.title == "Beyond the paper: a belief with two modes"
     frame = section.tables[0].frame
     assert [text.split()[0] for text in frame["arrived % [95 %]"]] == ["90.0", "35.0", "45.0", "0.0", "75.0", "60.0"]
+    assert list(frame["planned from"]) == ["-", "-", "-", "moments", "-", "-"]
+    assert "MPPI-Belief (theta 1, filter mixture), from moments, collides in 0.0" in section.text[1]
     assert "MPPI-Belief (theta 1, filter ekf" in section.text[1]
     assert "PIPF collides in 15.0 [3.2, 37.9] % of the trials and arrives in 60.0 [36.1, 80.9] %." in section.text[1]
     assert section.pictures == []  # there are no paths

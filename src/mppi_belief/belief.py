@@ -257,7 +257,7 @@ def _unit(norm: Array, information: Array) -> Array:
 
 
 def gain_schedule(
-    problem: Problem, belief: Belief, controls: Array, method: str = "filter", means: Array | None = None
+    problem: Problem, belief: Belief | RootBelief, controls: Array, method: str = "filter", means: Array | None = None
 ) -> GainSchedule:
     """The schedule along the mean that `controls` (T, nu) lead to from `belief`, or along given `means` (T, nx) of
     t_1..t_T.

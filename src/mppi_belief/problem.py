@@ -140,5 +140,5 @@ class Problem:
     prior_std: Array = array(ndim=1, ge=0)
     dt: float = number(gt=0)
     steps: int = size()
-    prior_modes: Array | None = array(ndim=2, optional=True)
-    prior_weights: Array | None = array(ndim=1, gt=0, optional=True)
+    prior_modes: Array | None = array(default=None, ndim=2, optional=True)
+    prior_weights: Array | None = array(default=None, ndim=1, gt=0, optional=True)

@@ -36,16 +36,21 @@ def number(
 
 
 def array(
-    *, ndim: int | tuple[int, ...], ge: float | None = None, gt: float | None = None, optional: bool = False
+    default: Any = dataclasses.MISSING,
+    *,
+    ndim: int | tuple[int, ...],
+    ge: float | None = None,
+    gt: float | None = None,
+    optional: bool = False,
 ) -> Any:
-    """An array leaf with the given number(s) of dimensions; `optional` makes it None where it is not given.
+    """An array leaf with the given number(s) of dimensions; `optional` also allows None.
 
     Bounds are for every entry; for a weight that may be a diagonal or a matrix, `ndim=(1, 2)`, they
     are for the eigenvalues of the matrix, which must then be symmetric.
     """
     allowed = (ndim,) if isinstance(ndim, int) else ndim
     rule = {"kind": "array", "ndim": allowed, "ge": ge, "gt": gt, "optional": optional}
-    return dataclasses.field(default=None, metadata=rule) if optional else dataclasses.field(metadata=rule)
+    return dataclasses.field(default=default, metadata=rule)
 
 
 def size(default: Any = dataclasses.MISSING, *, ge: int = 1) -> Any:

@@ -18,11 +18,12 @@ NEAR = 1.0  # m of the goal at the end of a trial; a choice
 def two_lanes(founds: list[Found], folder: Path) -> Section:
     """The table of all cells with how many trials arrived, and the paths of both filters side by side."""
     frame = lines(founds)
+    frame.insert(list(frame.columns).index("trials"), "planned from", [_seen(one) for one in founds])
     told = [interval(arrivals(one).times(100), 1) for one in founds]
     frame.insert(list(frame.columns).index("collided % [95 %]") + 1, "arrived % [95 %]", told)
     said = [
-        f"{title} collides in {rate(one)} of the trials and arrives in {interval(arrivals(one).times(100), 1)} %."
-        for title, one in zip(titles(founds), founds, strict=True)
+        f"{title} collides in {rate(one)} of the trials and arrives in {arrived} %."
+        for title, one, arrived in zip(_titles(founds), founds, told, strict=True)
         if len(one.good)
     ]
     alt = "Paths in the plane: MPPI-Belief and CE-MPPI, each on a mixture and on one Gaussian"
@@ -40,6 +41,17 @@ def two_lanes(founds: list[Found], folder: Path) -> Section:
     )
 
 
+def _titles(founds: Sequence[Found]) -> list[str]:
+    """Names of cells, those whose planner is shown the moments alone told from the others."""
+    named = zip(titles(founds), founds, strict=True)
+    return [f"{title}, from moments," if _seen(one) == "moments" else title for title, one in named]
+
+
+def _seen(found: Found) -> str:
+    """What MPPI-Belief was shown of a mixture, where the study sets it."""
+    return str(found.labels.get("controller.plan_from", "-"))
+
+
 def arrivals(found: Found) -> Estimate:
     """The part of the good trials that end near the goal."""
     there = np.asarray(found.good["final_distance"] < NEAR)
@@ -48,7 +60,7 @@ def arrivals(found: Found) -> Estimate:
 
 def panels(founds: Sequence[Found]) -> list[figures.Run]:
     """MPPI-Belief, as averse to risk as the study has it, then CE-MPPI, each with both filters."""
-    plain = [one for one in founds if "filter" in one.labels and "controller.plan_from" not in one.labels]
+    plain = [one for one in founds if "filter" in one.labels and _seen(one) == "-"]
     most = max((one.labels["theta"] for one in plain if one.method == "belief"), default=0.0)
     chosen = [one for one in plain if one.method == "ce" or one.labels["theta"] == most]
     return [
