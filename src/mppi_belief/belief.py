@@ -97,10 +97,10 @@ def prior_mixture(problem: Problem) -> MixtureBelief:
 
 
 def drawn_mode(problem: Problem, key: Array, shape: tuple[int, ...] = ()) -> Belief:
-    """The modes of the prior that draws of it come from: means (*shape, nx), and the covariance (nx, nx) of each."""
+    """The modes of the prior that draws of it come from: means (*shape, nx), and the covariance (nx, nx) of
+    each; of one Gaussian its mean (nx,), whatever the shape."""
     if problem.prior_modes is None:
-        mean, cov = prior(problem)
-        return Belief(jnp.broadcast_to(mean, (*shape, len(mean))), cov)
+        return prior(problem)
     modes = prior_mixture(problem)
     # a key of its own: the draws' normals count from 0 under the one that is given
     chosen = jax.random.categorical(jax.random.fold_in(key, LAST), modes.log_weights, shape=shape)

@@ -45,7 +45,8 @@ class ParticleFilter:
         """Draws of the prior, equally weighted."""
         means, cov = drawn_mode(problem, key, (self.n_particles,))
         normals = standard_normal(key, (len(cov), self.n_particles))
-        return summarised(means.T + psd_factor(cov)[0] @ normals, jnp.zeros(self.n_particles))
+        means = means[:, None] if means.ndim == 1 else means.T
+        return summarised(means + psd_factor(cov)[0] @ normals, jnp.zeros(self.n_particles))
 
     def update(self, problem: Problem, belief: ParticleBelief, u: Array, y: Array, key: Array) -> ParticleBelief:
         """Move every particle, weigh it by the measurement, resample where needed."""
