@@ -281,6 +281,8 @@ OTHERS = {
     "clearance": math.nan,
     "final_distance": math.inf,
     "ess": 8.5,
+    "nees": 4.0,
+    "nis": math.nan,
     "steps": 4,
     "error": "oh",
 }

@@ -16,7 +16,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from .discretise import euler_step, measurement_cov, measurement_intensity
+from .discretise import euler_step, measurement_cov, measurement_difference, measurement_intensity
 from .linalg import decorrelated, psd_factor, semidefinite_root, symmetrise, triangular_root
 from .problem import Belief, Problem
 
@@ -175,7 +175,7 @@ def correct(problem: Problem, belief: Belief | RootBelief, y: Array) -> RootBeli
     """The belief after the measurement y (ny,), its noise taken at the predicted mean."""
     problem = aimed(problem, belief.mean, rooted(belief))
     mean, root, K, _ = _measured(problem, belief.mean, rooted(belief))
-    return RootBelief(mean + K @ (y - problem.system.c(mean)), root)
+    return RootBelief(mean + K @ measurement_difference(problem.system, y, problem.system.c(mean)), root)
 
 
 def _measured(problem: Problem, mean: Array, root: Array) -> tuple[Array, Array, Array, Array]:
@@ -189,6 +189,15 @@ def mixture_cov(weights: Array, means: Array, covs: Array) -> Array:
     """sum_i w_i (Sigma_i + (mu_i - mu)(mu_i - mu)') (nx, nx) for weights (m,), means (m, nx), covs (m, nx, nx)."""
     off = means - weights @ means
     return symmetrise(jnp.tensordot(weights, covs + off[:, :, None] * off[:, None, :], axes=1))
+
+
+def forecast(problem: Problem, belief: Belief | RootBelief, u: Array) -> tuple[Array, Array]:
+    """What the linearised filter expects to measure after u (nu,): c at the predicted mean (ny,), and the innovation's
+    covariance S = C Sigma C' + R_s (ny, ny)."""
+    mean, root = predict(problem, belief, u)
+    problem = aimed(problem, mean, root)
+    seen = jax.jacfwd(problem.system.c)(mean) @ root
+    return problem.system.c(mean), covariance(seen) + measurement_cov(problem.system, mean, problem.dt)
 
 
 def riccati_rate(cov: Array, A: Array, Q: Array, C: Array, R_o: Array) -> Array:

@@ -31,6 +31,12 @@ def measurement_cov(system: System, x: Array, dt: Array | float) -> Array:
     return factor @ factor.T
 
 
+def measurement_difference(system: System, y: Array, predicted: Array) -> Array:
+    """y - predicted (ny,), or the system's own `difference` of the two: angles are a turn apart from themselves."""
+    own = getattr(system, "difference", None)
+    return y - predicted if own is None else own(y, predicted)
+
+
 def measurement_intensity(system: System, x: Array, dt: Array | float) -> Array:
     """Intensity R_o = R_s dt of the continuous measurement (1b) at x (ny, ny)."""
     return measurement_cov(system, x, dt) * dt

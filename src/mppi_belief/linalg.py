@@ -8,6 +8,7 @@ vector over the samples, where `M @ x` would transpose the whole batch.
 
 from collections.abc import Sequence
 
+import jax
 import jax.numpy as jnp
 from jax import Array
 
@@ -88,6 +89,15 @@ def semidefinite_root(M: Array) -> Array:
         columns.append(column / scale)
         M = M - columns[-1][:, None] * columns[-1]
     return jnp.stack(columns, axis=1)
+
+
+def squared_distance(x: Array, M: Array) -> Array:
+    """x' M^-1 x () for x (n,) and positive semidefinite M (n, n); nan if M is singular, its correlations' least pivot
+    no more than n * eps."""
+    n, units = M.shape[-1], jnp.sqrt(jnp.diagonal(M))
+    L = jnp.linalg.cholesky(symmetrise(M / units[:, None] / units))
+    half = jax.scipy.linalg.solve_triangular(L, x / units, lower=True)
+    return jnp.where(jnp.min(jnp.diagonal(L)) ** 2 > n * jnp.finfo(M.dtype).eps, half @ half, jnp.nan)
 
 
 def triangular_root(M: Array) -> Array:

@@ -33,8 +33,12 @@ class Belief(NamedTuple):
 
 @runtime_checkable
 class System(Protocol):
-    """Control-affine dynamics (1a) and measurement (1b); one whose sensor can be turned also has `aimed`, see
-    `mppi_belief.belief.aimed`."""
+    """Control-affine dynamics (1a) and measurement (1b).
+
+    A system whose measurements wrap, as angles do, also has `difference(y, predicted)`, (ny,) and (ny,) -> (ny,): how
+    far a measurement is from another, 0 where they are the same. Without it that is y - predicted. One whose sensor
+    can be turned has `aimed`, see `mppi_belief.belief.aimed`.
+    """
 
     @property
     def noise_convention(self) -> str:

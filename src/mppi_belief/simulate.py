@@ -11,9 +11,9 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from .belief import aimed_ahead, drawn_mode
-from .discretise import euler_step, measurement_factor
-from .linalg import psd_factor, quadratic_form
+from .belief import aimed_ahead, drawn_mode, forecast
+from .discretise import euler_step, measurement_difference, measurement_factor
+from .linalg import psd_factor, quadratic_form, squared_distance
 from .noise import standard_normal
 from .problem import Belief, Controller, Filter, Problem
 
@@ -43,6 +43,19 @@ class Metrics(NamedTuple):
     clearance: Array
     final_distance: Array
     ess: Array
+
+
+class Consistency(NamedTuple):
+    """Whether errors are as large as the filter says, means over a trial's T steps; each ().
+
+    nees   (x - mean)' cov^-1 (x - mean), about nx where the belief is that of the state
+    nis    d' S^-1 d for the difference d of a measurement from its forecast and its covariance S, about ny
+
+    Steps of which the covariance is singular are left out; nan where that is all of them.
+    """
+
+    nees: Array
+    nis: Array
 
 
 def role_key(seed: Array | int, trial: Array | int, role: int) -> Array:
@@ -133,3 +146,23 @@ def metrics(problem: Problem, trial: Trial) -> Metrics:
         final_distance=jnp.sqrt(jnp.sum(miss**2)),
         ess=jnp.mean(trial.ess),
     )
+
+
+def consistency(problem: Problem, filter: Filter, trial: Trial) -> Consistency:
+    """Hold a trial's states and measurements against its beliefs, after each measurement.
+
+    Measurements are forecast from the belief before by the filter itself, if it has `forecast(problem, belief, u)`, a
+    mean (ny,) and a covariance (ny, ny); else from that belief's mean and covariance as linearised.
+    """
+    told = getattr(filter, "forecast", forecast)
+    before = Belief(*(part[:-1] for part in trial.beliefs))
+    expected, spread = jax.vmap(lambda belief, u: told(problem, belief, u))(before, trial.controls)
+    off = jax.vmap(lambda y, at: measurement_difference(problem.system, y, at))(trial.measurements, expected)
+    errors = trial.states[1:] - trial.beliefs.mean[1:]
+    return Consistency(_mean_square(errors, trial.beliefs.cov[1:]), _mean_square(off, spread))
+
+
+def _mean_square(deviations: Array, covs: Array) -> Array:
+    """The mean () of d' cov^-1 d over steps (T, n) and (T, n, n) with a regular covariance, nan without any."""
+    found = jax.vmap(squared_distance)(deviations, covs)
+    return jnp.nanmean(found)

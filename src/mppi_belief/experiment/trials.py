@@ -17,7 +17,7 @@ import numpy as np
 
 from ..problem import Controller, Filter, Problem
 from ..settings import ConfigError, batches, labels
-from ..simulate import Metrics, Trial, metrics, simulate_trial
+from ..simulate import Consistency, Metrics, Trial, consistency, metrics, simulate_trial
 from .build import Experiment, build
 from .device import computing
 from .scene import describe_scene
@@ -33,13 +33,20 @@ class Batch(NamedTuple):
     scene: dict[str, Any] | None
 
 
+class Judged(NamedTuple):
+    """What the numbers of a row come from."""
+
+    metrics: Metrics
+    consistency: Consistency
+
+
 @jax.jit
-def _run(problem: Problem, filter: Filter, controller: Controller, seed: Any, trial: Any) -> tuple[Metrics, Trial]:
+def _run(problem: Problem, filter: Filter, controller: Controller, seed: Any, trial: Any) -> tuple[Judged, Trial]:
     """One trial () or, with one more axis at the front of all results, those of a batch (B,)."""
 
-    def one(trial: Any) -> tuple[Metrics, Trial]:
+    def one(trial: Any) -> tuple[Judged, Trial]:
         result = simulate_trial(problem, filter, controller, seed, trial)
-        return metrics(problem, result), result
+        return Judged(metrics(problem, result), consistency(problem, filter, result)), result
 
     return jax.vmap(one)(trial) if jnp.ndim(trial) else one(trial)
 
@@ -65,7 +72,7 @@ def run_trials(config: dict[str, Any], trials: Sequence[int], kept: int = KEPT_P
 
 def _outcomes(
     parts: Experiment, config: dict[str, Any], trials: Sequence[int]
-) -> Iterator[tuple[int, tuple[Metrics, Trial] | Exception]]:
+) -> Iterator[tuple[int, tuple[Judged, Trial] | Exception]]:
     """What became of each of the trials of one batch; a batch that raises is halved, down to the trial that does."""
     size = config["batch"]
     try:
@@ -93,9 +100,9 @@ def _places(trials: Sequence[int], size: int) -> int | np.ndarray:
     return places
 
 
-def _row(config: dict[str, Any], trial: int, judged: Metrics, result: Trial) -> dict[str, Any]:
-    values = {name: value.item() for name, value in judged._asdict().items()}
-    error = divergence(judged, result)
+def _row(config: dict[str, Any], trial: int, judged: Judged, result: Trial) -> dict[str, Any]:
+    values = {name: value.item() for part in judged for name, value in part._asdict().items()}
+    error = divergence(judged.metrics, result)
     status = "diverged" if error else "ok"
     return {**_labels(config, trial, status), **values, "steps": len(result.controls), "error": error}
 
@@ -118,7 +125,7 @@ def divergence(judged: Metrics, result: Trial) -> str | None:
 
 def failed_row(config: dict[str, Any], trial: int, status: str, error: str) -> dict[str, Any]:
     """The row of a trial that has no results."""
-    nothing = dict.fromkeys(Metrics._fields, float("nan"))
+    nothing = dict.fromkeys((*Metrics._fields, *Consistency._fields), float("nan"))
     return {**_labels(config, trial, status), **nothing, "collided": None, "steps": 0, "error": error}
 
 

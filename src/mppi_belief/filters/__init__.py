@@ -3,5 +3,6 @@
 from .ekf import EKF
 from .mixture import MixtureFilter
 from .particle import ParticleFilter
+from .ukf import UKF
 
-__all__ = ["EKF", "MixtureFilter", "ParticleFilter"]
+__all__ = ["EKF", "UKF", "MixtureFilter", "ParticleFilter"]

@@ -16,7 +16,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from ..belief import drawn_mode
-from ..discretise import euler_step, measurement_cov
+from ..discretise import euler_step, measurement_cov, measurement_difference
 from ..linalg import log_det_spd, psd_factor, quadratic_form, spd_inverse, symmetrise
 from ..noise import standard_normal
 from ..problem import Problem
@@ -74,7 +74,8 @@ class ParticleFilter:
 def log_likelihood(problem: Problem, x: Array, at: Array, y: Array) -> Array:
     """log N(y; c(x), R_s(at)) () up to a constant, for states x and at (nx,); finite however far off y is."""
     R_s = measurement_cov(problem.system, at, problem.dt)
-    return -0.5 * (quadratic_form(spd_inverse(R_s), y - problem.system.c(x)) + log_det_spd(R_s))
+    off = measurement_difference(problem.system, y, problem.system.c(x))
+    return -0.5 * (quadratic_form(spd_inverse(R_s), off) + log_det_spd(R_s))
 
 
 def summarised(particles: Array, log_weights: Array) -> ParticleBelief:

@@ -14,6 +14,7 @@ metadata is JSON under the key "mppi-belief":
     seal      of all these
 
 Format 1 had one source, its keys beside `format`, and neither a digest nor the cell's id; trajectories had no metadata.
+Formats 1 and 2 had no columns `nees` and `nis`; these are empty where such a file is read.
 """
 
 import hashlib
@@ -29,7 +30,7 @@ import pyarrow.parquet as pq
 
 from .files import digest, write_whole
 
-FORMAT_VERSION = 2
+FORMAT_VERSION = 3
 ATTEMPTS = 5  # at listing a folder whose files are merged at the same time
 _KEY, _SEAL = b"mppi-belief", "seal"
 _TYPES: dict[str, pa.DataType] = {
@@ -46,10 +47,13 @@ _TYPES: dict[str, pa.DataType] = {
     "clearance": pa.float64(),
     "final_distance": pa.float64(),
     "ess": pa.float64(),
+    "nees": pa.float64(),
+    "nis": pa.float64(),
     "steps": pa.int64(),
     "error": pa.string(),
 }
 COLUMNS = (*_TYPES,)  # that the rows of all cells have; others are swept settings
+_SINCE_3 = ("nees", "nis")
 _ROWS = pa.schema(list(_TYPES.items()))
 _NUMBERS = pa.list_(pa.float64())
 _PATHS = pa.schema(
@@ -209,7 +213,10 @@ def _read(folder: Path, kind: str, schema: pa.Schema, warn: Callable[[str], obje
 
 
 def _known_first(table: pa.Table, schema: pa.Schema) -> pa.Table:
-    """The columns of the schema in its types, then the others; raises KeyError or an Arrow exception."""
+    """The columns of the schema in its types, then the others; raises KeyError or an Arrow exception. What older formats
+    did not have is empty."""
+    for name in [name for name in _SINCE_3 if name in schema.names and name not in table.column_names]:
+        table = table.append_column(name, pa.nulls(len(table), schema.field(name).type))
     others = [name for name in table.column_names if name not in schema.names]
     known = table.select(schema.names).cast(schema)
     for name in others:

@@ -1,0 +1,89 @@
+"""Unscented Kalman filter (Julier and Uhlmann 2004) on a cubature rule, as statistical linear regression.
+
+Under N(mu, Sigma), Sigma = root root', x = mu + root z, the best linear fit of the measurement is
+
+    c(x) = y^ + M' z + e,    M = E[z c'],    Omega = E[e e']           (Lefebvre, Bruyninckx and De Schutter 2002)
+
+and the filter corrects as Kalman's does for the slope M' and the noise R_s + Omega. A = (root^-1)' M' is the best A of
+Theorem 1 and Omega what it leaves: the part of c outside the tangent space of Gaussian means is taken for noise, where
+the extended filter leaves it out. R_s is that at the predicted mean, as there.
+
+Points are those of the rule of degree 5 in `mppi_belief.quadrature`; beyond 4 states, where some of its weights are
+negative, the 2 nx points of degree 3 (Arasaratnam and Haykin 2009). With no negative weight and no covariance
+subtracted from another, beliefs stay roots and covariances positive semidefinite.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from ..belief import RootBelief, absorb, covariance, rooted
+from ..discretise import euler_step, measurement_cov, measurement_difference
+from ..linalg import triangular_root
+from ..problem import Belief, Problem
+from ..pytree import struct
+from ..quadrature import rule
+
+MOST_STATES = 4  # up to which no weight of the rule of degree 5 is negative
+
+
+class Regression(NamedTuple):
+    """c(x) = expected + slope' z + e for x = mean + root z: expected (ny,), slope (nx, ny), noise (ny, ny), the
+    covariance of e and of the measurement's noise."""
+
+    expected: Array
+    slope: Array
+    noise: Array
+
+
+@struct
+class UKF:
+    """Beliefs are roots, as the extended filter's."""
+
+    def init(self, problem: Problem, key: Array) -> RootBelief:
+        return RootBelief(jnp.asarray(problem.prior_mean), jnp.diag(jnp.asarray(problem.prior_std)))
+
+    def update(self, problem: Problem, belief: Belief | RootBelief, u: Array, y: Array, key: Array) -> RootBelief:
+        ahead = predicted(problem, belief, u)
+        fit = regression(problem, ahead)
+        shrunk, gain, _ = absorb(jnp.eye(len(ahead.mean), dtype=ahead.mean.dtype), fit.slope.T, fit.noise)
+        off = measurement_difference(problem.system, y, fit.expected)
+        return RootBelief(ahead.mean + ahead.root @ (gain @ off), ahead.root @ shrunk)
+
+    def forecast(self, problem: Problem, belief: Belief | RootBelief, u: Array) -> tuple[Array, Array]:
+        """The next measurement's expectation (ny,) and covariance (ny, ny), as the update takes them."""
+        fit = regression(problem, predicted(problem, belief, u))
+        return fit.expected, covariance(fit.slope.T) + fit.noise
+
+
+def sigma_points(nx: int) -> tuple[np.ndarray, np.ndarray]:
+    """Points (P, nx) and weights (P,) for N(0, I), none negative; those of weight zero are left out."""
+    if nx > MOST_STATES:
+        return np.sqrt(nx) * np.vstack([np.eye(nx), -np.eye(nx)]), np.full(2 * nx, 0.5 / nx)
+    points, weights = rule(nx)
+    return points[weights > 0], weights[weights > 0]
+
+
+def predicted(problem: Problem, belief: Belief | RootBelief, u: Array) -> RootBelief:
+    """The belief one step later, before the measurement; u (nu,)."""
+    system, dt, root = problem.system, problem.dt, rooted(belief)
+    z, weights = (jnp.asarray(part, root.dtype) for part in sigma_points(len(root)))
+    moved = jax.vmap(lambda point: euler_step(system, belief.mean + root @ point, u, dt))(z)
+    mean = weights @ moved
+    spread = (moved - mean).T * jnp.sqrt(weights)
+    return RootBelief(mean, triangular_root(jnp.hstack([spread, system.H * jnp.sqrt(dt)])))
+
+
+def regression(problem: Problem, ahead: RootBelief) -> Regression:
+    """The measurement's best linear fit under a belief, by the sigma points; differences are taken from c(mean)."""
+    system, mean, root = problem.system, ahead.mean, ahead.root
+    z, weights = (jnp.asarray(part, root.dtype) for part in sigma_points(len(root)))
+    middle = system.c(mean)
+    off = jax.vmap(lambda point: measurement_difference(system, system.c(mean + root @ point), middle))(z)
+    shift = weights @ off
+    slope = (weights[:, None] * z).T @ (off - shift)
+    left = (off - shift - z @ slope) * jnp.sqrt(weights)[:, None]
+    return Regression(middle + shift, slope, measurement_cov(system, mean, problem.dt) + left.T @ left)
