@@ -39,7 +39,17 @@ def row(trial: int, **values: Any) -> dict[str, Any]:
     """A row of a trial that went well."""
     numbers = {"theta": 1.0, "w_obs": 500.0, "running_cost": 2.0, "terminal_cost": 1.0, "final_distance": 0.5}
     judged = {"cost": 3.0 + trial, "collided": False, "clearance": 0.25, "ess": 8.0, "nees": 4.5, "nis": 2.25}
-    return {"trial": trial, "seed": 0, "status": "ok", "controller": "fake", **numbers, **judged, "steps": 3, "error": None, **values}
+    return {
+        "trial": trial,
+        "seed": 0,
+        "status": "ok",
+        "controller": "fake",
+        **numbers,
+        **judged,
+        "steps": 3,
+        "error": None,
+        **values,
+    }
 
 
 def failed_row(config: dict[str, Any], trial: int, status: str, error: str) -> dict[str, Any]:

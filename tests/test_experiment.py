@@ -29,6 +29,8 @@ COLUMNS = [
     "clearance",
     "final_distance",
     "ess",
+    "nees",
+    "nis",
     "steps",
     "error",
 ]

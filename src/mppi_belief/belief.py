@@ -193,11 +193,14 @@ def mixture_cov(weights: Array, means: Array, covs: Array) -> Array:
 
 def forecast(problem: Problem, belief: Belief | RootBelief, u: Array) -> tuple[Array, Array]:
     """What the linearised filter expects to measure after u (nu,): c at the predicted mean (ny,), and the innovation's
-    covariance S = C Sigma C' + R_s (ny, ny)."""
-    mean, root = predict(problem, belief, u)
-    problem = aimed(problem, mean, root)
-    seen = jax.jacfwd(problem.system.c)(mean) @ root
-    return problem.system.c(mean), covariance(seen) + measurement_cov(problem.system, mean, problem.dt)
+    covariance S = C (F Sigma F' + Q dt) C' + R_s (ny, ny)."""
+    problem = aimed_ahead(problem, belief, u)
+    system, dt = problem.system, problem.dt
+    ahead = euler_step(system, belief.mean, u, dt)
+    CF = jax.jacfwd(lambda x: system.c(euler_step(system, x, u, dt)))(belief.mean)
+    noise = jax.jacfwd(system.c)(ahead) @ system.H * jnp.sqrt(dt)
+    spread = symmetrise(CF @ belief.cov @ CF.T) + covariance(noise)
+    return system.c(ahead), spread + measurement_cov(system, ahead, dt)
 
 
 def riccati_rate(cov: Array, A: Array, Q: Array, C: Array, R_o: Array) -> Array:

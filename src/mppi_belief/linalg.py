@@ -8,7 +8,6 @@ vector over the samples, where `M @ x` would transpose the whole batch.
 
 from collections.abc import Sequence
 
-import jax
 import jax.numpy as jnp
 from jax import Array
 
@@ -91,15 +90,6 @@ def semidefinite_root(M: Array) -> Array:
     return jnp.stack(columns, axis=1)
 
 
-def squared_distance(x: Array, M: Array) -> Array:
-    """x' M^-1 x () for x (n,) and positive semidefinite M (n, n); nan if M is singular, its correlations' least pivot
-    no more than n * eps."""
-    n, units = M.shape[-1], jnp.sqrt(jnp.diagonal(M))
-    L = jnp.linalg.cholesky(symmetrise(M / units[:, None] / units))
-    half = jax.scipy.linalg.solve_triangular(L, x / units, lower=True)
-    return jnp.where(jnp.min(jnp.diagonal(L)) ** 2 > n * jnp.finfo(M.dtype).eps, half @ half, jnp.nan)
-
-
 def triangular_root(M: Array) -> Array:
     """Lower triangular L (n, n) with L L' = M M' for M (n, m), by Gram-Schmidt on the rows.
 
@@ -134,6 +124,15 @@ def decorrelated(M: Array, R: Array) -> tuple[Array, list[Array]]:
         rows.append(M[j] - sum(row[k] * rows[k] for k in range(j)))
         slopes.append(row)
     return jnp.stack(rows), variances
+
+
+def squared_distance(x: Array, M: Array) -> Array:
+    """x' M^-1 x () for x (n,) and semidefinite M (n, n); nan where M is singular: where others leave n * eps or less of
+    the variance of a component."""
+    apart, variances = decorrelated(x[:, None], M)
+    left = jnp.stack(variances)
+    regular = jnp.all(left > len(left) * jnp.finfo(M.dtype).eps * jnp.diagonal(M))
+    return jnp.where(regular, jnp.sum(apart[:, 0] ** 2 / jnp.where(regular, left, 1.0)), jnp.nan)
 
 
 def as_matrix(weight: Array) -> Array:

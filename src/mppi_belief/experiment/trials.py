@@ -41,14 +41,24 @@ class Judged(NamedTuple):
 
 
 @jax.jit
-def _run(problem: Problem, filter: Filter, controller: Controller, seed: Any, trial: Any) -> tuple[Judged, Trial]:
+def _run(problem: Problem, filter: Filter, controller: Controller, seed: Any, trial: Any) -> tuple[Metrics, Trial]:
     """One trial () or, with one more axis at the front of all results, those of a batch (B,)."""
 
-    def one(trial: Any) -> tuple[Judged, Trial]:
+    def one(trial: Any) -> tuple[Metrics, Trial]:
         result = simulate_trial(problem, filter, controller, seed, trial)
-        return Judged(metrics(problem, result), consistency(problem, filter, result)), result
+        return metrics(problem, result), result
 
     return jax.vmap(one)(trial) if jnp.ndim(trial) else one(trial)
+
+
+@jax.jit
+def _compare(problem: Problem, filter: Filter, result: Trial) -> Consistency:
+    """The same for its consistency: a program of its own, which all controllers share."""
+
+    def one(result: Trial) -> Consistency:
+        return consistency(problem, filter, result)
+
+    return jax.vmap(one)(result) if result.ess.ndim == 2 else one(result)
 
 
 def run_trials(config: dict[str, Any], trials: Sequence[int], kept: int = KEPT_PATHS) -> Batch:
@@ -76,7 +86,9 @@ def _outcomes(
     """What became of each of the trials of one batch; a batch that raises is halved, down to the trial that does."""
     size = config["batch"]
     try:
-        results = jax.device_get(_run(*parts, config["seed"], _places(trials, size)))
+        judged, result = _run(*parts, config["seed"], _places(trials, size))
+        compared = _compare(parts.problem, parts.filter, result)
+        results = jax.device_get((Judged(judged, compared), result))
     except Exception as error:
         if size > 1 and "RESOURCE_EXHAUSTED" in str(error):
             raise ConfigError(f"batch={size}: too many trials for the memory of the device at once") from error

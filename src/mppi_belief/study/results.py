@@ -213,8 +213,8 @@ def _read(folder: Path, kind: str, schema: pa.Schema, warn: Callable[[str], obje
 
 
 def _known_first(table: pa.Table, schema: pa.Schema) -> pa.Table:
-    """The columns of the schema in its types, then the others; raises KeyError or an Arrow exception. What older formats
-    did not have is empty."""
+    """The columns of the schema in its types, then the others; raises KeyError or an Arrow exception. What an older
+    format did not have is empty."""
     for name in [name for name in _SINCE_3 if name in schema.names and name not in table.column_names]:
         table = table.append_column(name, pa.nulls(len(table), schema.field(name).type))
     others = [name for name in table.column_names if name not in schema.names]

@@ -4,8 +4,8 @@
     y_j  = [|b_j - p|, angle of b_j - p, less h] + noise with deviations floor + slope |b_j - p|
 
 State [p_x, p_y, h, v] in m, rad, m/s; controls a turn rate in rad/s and an acceleration in m/s^2; measurements
-[distance, bearing] in m and rad, one beacon after another. How strongly they bend is `curvature`: with kappa the beacons
-stand at z + (b_j - z) / kappa, seen from the anchor z in the same direction,
+[distance, bearing] in m and rad, one beacon after another. How strongly they bend is `curvature`: with kappa the
+beacons stand at z + (b_j - z) / kappa, seen from the anchor z in the same direction,
 
     c_kappa(p) = c(z) + (c(z + kappa (p - z)) - c(z)) / kappa
 
