@@ -1,23 +1,28 @@
-"""One trial in detail, for pictures: the paths a planner sampled at each step, the matching residual.
+"""One trial in detail, for pictures: the paths a planner sampled at each step, the residuals of two statements.
 
-The residual (Proposition 3) is taken along the trial's own belief means, for the covariances that both readings of
-sigma_o lead to there: "sample" by the filter's recursion, "intensity" by the Riccati equation.
+That of matching (Proposition 3) is taken along the trial's own belief means, for the covariances that both readings of
+sigma_o lead to there: "sample" by the filter's recursion, "intensity" by the Riccati equation. That of Theorem 1 is
+taken where measurements meet the filter's own belief, predicted from the step before, with c in units of its noise.
 """
 
 from dataclasses import replace
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from ..belief import GainSchedule, gain_schedule, prior
+from ..belief import GainSchedule, covariance, gain_schedule, predict, prior
+from ..discretise import measurement_difference, measurement_factor
 from ..matching import best_weight, matched_weight, residual
-from ..problem import Controller, Filter, Problem
-from ..simulate import closed_loop
+from ..problem import Belief, Controller, Filter, Problem
+from ..simulate import Trial, closed_loop
+from ..tangent import gaussian_nodes, outside_mean_tangent
 from .build import build
 from .device import computing
 
+PER_AXIS, TENSOR_UP_TO = 9, 4  # Gauss-Hermite points an axis, for so many states
 SHOWN = 40  # sampled paths kept of each step: the heaviest quarter, and the first of the others
 
 
@@ -25,12 +30,13 @@ def record(config: dict[str, Any]) -> dict[str, Any]:
     """Run the trial `config["record"]` again and keep what `run_trials` does not."""
     with computing(config):
         parts = jax.device_put(build(config))
-        samples, controls, means = _run(*parts, config["seed"], config["record"])
+        samples, result = _run(*parts, config["seed"], config["record"])
         kept = None if samples is None else _thin(*(np.asarray(part, dtype=float) for part in samples))
         return {
             "trial": config["record"],
             "samples": kept,
-            "matching": _matching(parts.problem, parts.controller, controls, means),
+            "matching": _matching(parts.problem, parts.controller, result.controls, result.beliefs.mean),
+            "tangent": _tangent(parts.problem, result),
         }
 
 
@@ -44,9 +50,8 @@ def sampled_paths(config: dict[str, Any], trial: int) -> dict[str, Any] | None:
 @jax.jit
 def _run(
     problem: Problem, filter: Filter, controller: Controller, seed: Any, trial: Any
-) -> tuple[tuple[Array, Array] | None, Array, Array]:
-    """Positions (T, H, d, N) and weights (T, N) of the sampled paths, if the planner tells them; controls (T, nu);
-    belief means (T + 1, nx)."""
+) -> tuple[tuple[Array, Array] | None, Trial]:
+    """Positions (T, H, d, N) and weights (T, N) of the sampled paths, if the planner tells them; the trial."""
     place = jax.vmap(jax.vmap(problem.system.position, in_axes=-1, out_axes=-1))
 
     def note(info: Any) -> tuple[Array, Array] | None:
@@ -54,7 +59,7 @@ def _run(
         return (place(info.means), info.weights) if shapes == [3, 1] else None
 
     result, samples = closed_loop(problem, filter, controller, seed, trial, note)
-    return samples, result.controls, result.beliefs.mean
+    return samples, result
 
 
 def _thin(positions: np.ndarray, weights: np.ndarray) -> dict[str, Any]:
@@ -89,4 +94,27 @@ def _curve(problem: Problem, schedule: GainSchedule, weight: Array | None) -> li
         return residual(D, G, best_weight(D, G) if weight is None else weight)
 
     values = jax.jit(jax.vmap(at))(schedule.mean[:-1], schedule.diffusion)
+    return _rounded(values)
+
+
+def _tangent(problem: Problem, result: Trial) -> dict[str, Any]:
+    """Theorem 1's residual (T,), the part of the measurement that is not tangent to the Gaussian means; nx and ny."""
+    system, nx = problem.system, len(problem.prior_mean)
+    nodes = gaussian_nodes(nx, PER_AXIS if nx <= TENSOR_UP_TO else None)
+
+    def at(given: tuple[Belief, Array]) -> Array:
+        mean, root = predict(problem, *given)
+        middle, units = system.c(mean), measurement_factor(system, mean, problem.dt)
+
+        def seen(x: Array) -> Array:
+            return jnp.linalg.solve(units, measurement_difference(system, system.c(x), middle))
+
+        return outside_mean_tangent(seen, mean, covariance(root), nodes)[0]
+
+    before = Belief(*(part[:-1] for part in result.beliefs))
+    parts = jax.jit(lambda given: jax.lax.map(at, given))((before, result.controls))
+    return {"part": _rounded(parts), "states": nx, "measurements": result.measurements.shape[1]}
+
+
+def _rounded(values: Array) -> list[float | None]:
     return [round(float(value), 5) if np.isfinite(value) else None for value in values]
