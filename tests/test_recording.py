@@ -41,6 +41,7 @@ class Ran(NamedTuple):
     row: dict[str, Any]
     means: np.ndarray  # (STEPS + 1, nx)
     controls: np.ndarray  # (STEPS, nu)
+    covs: np.ndarray  # (STEPS + 1, nx nx)
 
 
 def recorded(*args: str, **groups: Any) -> Recorded:
@@ -52,8 +53,8 @@ def recorded(*args: str, **groups: Any) -> Recorded:
 def ran(config: dict[str, Any]) -> Ran:
     with compiled_quickly():
         batch = run_trials(config, [TRIAL])
-    means = np.stack([step["mean"] for step in batch.paths])
-    return Ran(batch.rows[0], means, np.stack([step["control"] for step in batch.paths[:-1]]))
+    means, covs = (np.stack([step[name] for step in batch.paths]) for name in ("mean", "cov"))
+    return Ran(batch.rows[0], means, np.stack([step["control"] for step in batch.paths[:-1]]), covs)
 
 
 @pytest.fixture(scope="module")
@@ -184,3 +185,20 @@ def test_the_residual_is_that_of_the_recursions_along_the_trials_own_means(conve
 
 def noise(x: np.ndarray) -> np.ndarray:
     return (abs(x[0] - 5) / np.sqrt(2) + 0.1) ** 2 * np.eye(2)
+
+
+def test_theorem_1_has_its_residual_at_every_step(belief):
+    """Nothing where the sensor is affine; a pendulum's by the closed form, under the belief before its measurement."""
+    told = belief.content["tangent"]
+    assert (told["states"], told["measurements"], told["part"]) == (4, 2, [0.0] * STEPS)
+    one = recorded("system=pendulum", "system.curvature=2", "precision=float64")
+    trial, told = ran(one.config), one.content["tangent"]
+    assert (told["states"], told["measurements"]) == (2, 1)
+    system, dt = one.config["system"], one.config["problem"]["dt"]
+    for k, part in enumerate(told["part"]):
+        (a, r), cov = trial.means[k], trial.covs[k].reshape(2, 2)
+        mean, v = a + dt * r, cov[0, 0] + 2 * dt * cov[0, 1] + dt**2 * cov[1, 1]
+        m, v = system["anchor"] + 2 * (mean - system["anchor"]), 4 * v
+        slope, variance = np.cos(m) * np.exp(-v / 2), -np.expm1(-v) * (1 + np.exp(-v) * np.cos(2 * m)) / 2
+        assert part == pytest.approx(1 - slope**2 * v / variance, abs=2e-5)
+        assert part > 0.01

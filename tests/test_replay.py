@@ -65,7 +65,7 @@ def change(folder: Path, kind: str, name: str, at: int, value: Any, **about: Any
 def test_a_trial_is_reproduced_bit_for_bit_and_drawn(replay, kept):
     said = replay(kept.name, "1")
     assert (said.code, said.err) == (0, "")
-    assert "reproduced bit for bit: 19 values of its row, 4 steps of its path" in said.out
+    assert "reproduced bit for bit: 21 values of its row, 4 steps of its path" in said.out
     assert f"picture: outputs/results/{kept.name}/replay-1.png" in said.out
     assert (kept / "replay-1.png").read_bytes().startswith(b"\x89PNG")
 
@@ -73,7 +73,7 @@ def test_a_trial_is_reproduced_bit_for_bit_and_drawn(replay, kept):
 def test_a_trial_without_a_kept_path_is_reproduced_and_drawn_too(replay, kept):
     said = replay(kept.name[:9], "60", "results_dir=outputs/results")
     assert said.code == 0
-    assert "reproduced bit for bit: 19 values of its row, no path was kept" in said.out
+    assert "reproduced bit for bit: 21 values of its row, no path was kept" in said.out
     assert (kept / "replay-60.png").exists()
 
 
@@ -197,6 +197,8 @@ def test_differences_are_of_bits():
     assert named(row(0, cost=math.nan, theta=1), row(0, cost=math.nan, theta=1.0)) == []
     assert named(row(0, cost=0.0), row(0, cost=-0.0)) == ["cost"]
     assert named(row(0), row(0, collided=True, steps=4, error="oh")) == ["collided", "steps", "error"]
+    assert named(row(0, nees=None, nis=2.0), row(0, nees=4.0, nis=3.0)) == ["nis"]
+    assert named(row(0, nees=math.nan, collided=None), row(0, nees=4.0, collided=True)) == ["collided", "nees"]
     step = {
         "step": 0,
         "state": np.zeros(2),

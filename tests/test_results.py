@@ -13,6 +13,8 @@ import pytest
 
 from cli_helpers import files_in
 from mppi_belief.study import files, results
+from mppi_belief.study.compaction import compact
+from mppi_belief.study.contents import read_cell, row_of
 from mppi_belief.study.provenance import provenance
 from study_helpers import failed_row, row
 
@@ -205,6 +207,36 @@ def test_files_of_the_first_format_are_still_read(tmp_path):
     expected = {"trials": [[0, 1], [4, 4]], **about}
     assert results.sources_of(results.read_parts(tmp_path), [1]) == [expected]
     assert results.sources_of(results.read_parts(tmp_path), [2, 3]) == []
+
+
+def older(path: Path) -> None:
+    """The same file as format 2 had it: without what came with format 3."""
+    about, table = results.read_table(path)
+    table = table.drop_columns(["nees", "nis"]).replace_schema_metadata()
+    told = {**about, "format": 2, "digest": results.table_digest(table)}
+    pq.write_table(table.replace_schema_metadata({b"mppi-belief": json.dumps(told)}), path)
+
+
+def test_files_of_the_second_format_are_still_read_their_new_columns_empty(tmp_path):
+    older(written(tmp_path, row(0, cost=7.0), row(1)))
+    written(tmp_path, row(2))
+    warnings: list[str] = []
+    rows = results.read_rows(tmp_path, warnings.append)
+    assert warnings == []
+    assert rows["cost"].tolist()[0] == 7.0
+    assert rows["nees"].isna().tolist() == rows["nis"].isna().tolist() == [True, True, False]
+    assert {stored.about["format"] for stored in results.read_parts(tmp_path)} == {2, 3}
+
+
+def test_old_and_new_files_become_one(tmp_path):
+    older(written(tmp_path, row(0), row(1)))
+    written(tmp_path, row(2))
+    before = results.read_rows(tmp_path)
+    assert compact(tmp_path).problems == []
+    (path,) = tmp_path.iterdir()
+    assert results.read_table(path)[0]["format"] == results.FORMAT_VERSION == 3
+    assert results.result_hash(results.read_rows(tmp_path)) == results.result_hash(before)
+    assert row_of(read_cell(tmp_path), 0)[0]["nees"] is None
 
 
 def test_paths_that_are_torn_or_not_ours_are_named_and_left_out(tmp_path):

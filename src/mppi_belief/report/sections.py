@@ -9,6 +9,7 @@ from . import figures, published, reproduction
 from .blocks import cost, lines, picture, rate, table
 from .cells import Found, by_method
 from .comparison import as_latex, differences, table_1
+from .consistency import consistency
 from .files import write_text
 from .page import Picture, Section
 from .quality import quality
@@ -22,12 +23,9 @@ Studies = dict[str, list[Found]]
 def sections(studies: Studies, folder: Path) -> list[Section]:
     """Every section of the report, for the studies that have results."""
     some = {name: founds for name, founds in studies.items() if any(len(found.good) for found in founds)}
-    made = [builder(some[name], folder) for name, builder in BUILDERS.items() if name in some]
-    rest = {name: founds for name, founds in some.items() if name not in BUILDERS}
-    others = [
-        BEYOND[name](founds, folder) if name in BEYOND else _general(name, founds, folder)
-        for name, founds in rest.items()
-    ]
+    known = BUILDERS | BEYOND
+    made = [builder(some[name], folder) for name, builder in known.items() if name in some]
+    others = [_general(name, founds, folder) for name, founds in some.items() if name not in known]
     return [*made, *_reproduction(some, folder), *others]
 
 
@@ -158,11 +156,12 @@ BUILDERS: dict[str, Callable[[list[Found], Path], Section]] = {
     "diffusion": _diffusion,
     "horizon_and_samples": _samples,
     "quality_per_time": quality,
+}  # of the paper: what a report is of unless it is asked for others
+BEYOND: dict[str, Callable[[list[Found], Path], Section]] = {
     "controlled_sensing": sensing,
+    "nonlinearity": consistency,
+    "two_lanes": two_lanes,
 }
-
-# studies beyond the paper: a report has those that it is asked for by name
-BEYOND: dict[str, Callable[[list[Found], Path], Section]] = {"two_lanes": two_lanes}
 
 
 def _general(name: str, founds: list[Found], folder: Path) -> Section:

@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import betaincinv, stdtrit
+from scipy.special import betaincinv, chdtri, stdtrit
 
 RESAMPLES = 9999
 
@@ -33,6 +33,12 @@ def mean_interval(values: np.ndarray, level: float = 0.95) -> Estimate:
         return NOTHING._replace(value=center)
     half = float(stdtrit(len(values) - 1, (1 + level) / 2) * np.std(values, ddof=1) / np.sqrt(len(values)))
     return Estimate(center, center - half, center + half)
+
+
+def chi_square_band(freedom: float, level: float = 0.95) -> Estimate:
+    """Where the mean of so many squared standard normals lies with that probability, around its expectation 1."""
+    low, high = (float(chdtri(freedom, tail)) / freedom for tail in ((1 + level) / 2, (1 - level) / 2))
+    return Estimate(1.0, low, high)
 
 
 def proportion_interval(successes: int, trials: int, level: float = 0.95) -> Estimate:

@@ -1,6 +1,7 @@
 """The figures of a report, from results alone: those of the paper (Sec. VII), and what goes on inside."""
 
 from .animation import animate
+from .consistency import consistency_figure
 from .diagnostics import ess_figure, residual_figure
 from .one_trial import one_trial
 from .plane import kept_in_plane
@@ -21,6 +22,7 @@ __all__ = [
     "animate",
     "certificate_figure",
     "compare",
+    "consistency_figure",
     "ess_figure",
     "figure_1",
     "figure_2",
