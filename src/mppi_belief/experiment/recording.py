@@ -99,6 +99,14 @@ def _curve(problem: Problem, schedule: GainSchedule, weight: Array | None) -> li
 
 def _tangent(problem: Problem, result: Trial) -> dict[str, Any]:
     """Theorem 1's residual (T,), the part of the measurement that is not tangent to the Gaussian means; nx and ny."""
+    before = Belief(*(part[:-1] for part in result.beliefs))
+    parts = _outside(problem, before, result.controls)
+    return {"part": _rounded(parts), "states": len(problem.prior_mean), "measurements": result.measurements.shape[1]}
+
+
+@jax.jit
+def _outside(problem: Problem, before: Belief, controls: Array) -> Array:
+    """The part (T,) for beliefs (T, ...) and the controls (T, nu) that followed them."""
     system, nx = problem.system, len(problem.prior_mean)
     nodes = gaussian_nodes(nx, PER_AXIS if nx <= TENSOR_UP_TO else None)
 
@@ -111,9 +119,7 @@ def _tangent(problem: Problem, result: Trial) -> dict[str, Any]:
 
         return outside_mean_tangent(seen, mean, covariance(root), nodes)[0]
 
-    before = Belief(*(part[:-1] for part in result.beliefs))
-    parts = jax.jit(lambda given: jax.lax.map(at, given))((before, result.controls))
-    return {"part": _rounded(parts), "states": nx, "measurements": result.measurements.shape[1]}
+    return jax.lax.map(at, (before, controls))
 
 
 def _rounded(values: Array) -> list[float | None]:
