@@ -71,6 +71,16 @@ def test_either_statistic_off_its_band_is_inconsistent(founds):
     assert "UKF: consistent at every curvature" in ukf
 
 
+def test_a_mean_that_a_few_lost_trials_make_is_not_consistent_however_wide_its_interval():
+    """NEES of 2 trials out of 40 a thousand times what it should be."""
+    found = cell("ekf", 1.0, 1.0, 1.0)
+    found.rows.loc[:1, "nees"] = 4000.0
+    (point,) = consistency.points([oracle(), found])
+    assert point.nees.low < 1
+    assert not point.consistent
+    assert (point.lost.value, point.lost.high) == pytest.approx((0.05, 0.16920), abs=1e-4)
+
+
 def test_without_an_oracle_or_a_recording_there_is_less_to_say():
     (point,) = consistency.points([cell("ekf", 1.0, 1.0, 1.0, recorded=False)])
     assert math.isnan(point.loss.value)
@@ -78,7 +88,7 @@ def test_without_an_oracle_or_a_recording_there_is_less_to_say():
     assert math.isnan(point.nees.value)
     assert not point.consistent
     (line,) = consistency.as_frame([point]).to_dict("records")
-    assert [line[name] for name in ("Residual", "NEES/nx [95 %]", "band", "Loss [95 %]")] == ["-"] * 4
+    assert [line[name] for name in ("Residual", "NEES/nx [95 %]", "band", "Lost % [95 %]", "Loss [95 %]")] == ["-"] * 5
 
 
 def test_the_section_has_a_table_for_people_and_one_for_machines(founds, tmp_path):
@@ -98,7 +108,7 @@ def test_the_figure_shows_the_points(founds):
     residual, middle, loss = figure.axes
     np.testing.assert_allclose(residual.lines[0].get_ydata(), [0, 0.2, 0.4], atol=1e-12)
     labels = middle.get_legend_handles_labels()[1]
-    assert {"NEES, EKF", "NIS, EKF", "NEES, UKF", "NIS, UKF", "95 % band of NEES"} == set(labels)
+    assert {"NEES, EKF", "NIS, EKF", "NEES, UKF", "NIS, UKF", "95 % band of NEES", "95 % band of NIS"} == set(labels)
     heights = [container.lines[0].get_ydata() for container in loss.containers]
     np.testing.assert_allclose(np.concatenate(heights), [1.5, 2.5, 1.5, 1.5])
     assert figures.consistency_figure([]) is None

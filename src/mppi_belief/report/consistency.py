@@ -13,10 +13,10 @@ from .blocks import picture, rate
 from .cells import Found, paired
 from .files import write_frame
 from .page import Section, Table
-from .statistics import NOTHING, Estimate, chi_square_band, mean_interval, paired_mean_difference
+from .statistics import NOTHING, Estimate, chi_square_band, mean_interval, paired_mean_difference, proportion_interval
 from .summary import interval
 
-CURVATURE = "system.curvature"
+RARE = 1e-3  # of the trials of a consistent filter, at most, have a NEES as large as that of a lost one
 FILTERS = {"ekf": "EKF", "ukf": "UKF", "particle": "Particles"}
 
 
@@ -26,6 +26,7 @@ class Point(NamedTuple):
     residual    of Theorem 1, the mean over the steps of the recorded trial; nan without one
     nees, nis   by their degrees of freedom, so that 1 is right, means over trials with Student's interval
     bands       of both: 95 % of what a consistent filter shows lies within; see `bands`
+    lost        part of the trials with a NEES that a consistent filter has in one of 1000 at most
     loss        of cost against the oracle of the system, trial by trial; nothing without one
     """
 
@@ -37,13 +38,14 @@ class Point(NamedTuple):
     nees: Estimate
     nis: Estimate
     bands: tuple[Estimate, Estimate]
+    lost: Estimate
     loss: Estimate
 
     @property
     def consistent(self) -> bool:
-        """Whether both intervals meet their bands."""
+        """Whether both means lie in their bands."""
         pairs = zip((self.nees, self.nis), self.bands, strict=True)
-        return all(one.low <= band.high and one.high >= band.low for one, band in pairs)
+        return all(band.low <= one.value <= band.high for one, band in pairs)
 
 
 def consistency(founds: list[Found], folder: Path) -> Section:
@@ -58,9 +60,10 @@ def consistency(founds: list[Found], folder: Path) -> Section:
             "Measurements bend by `system.curvature`: at 0 they are affine, at 1 the sensor's own; what they tell at "
             "the anchor stays the same. Theorem 1's residual is the part of a measurement, in units of its noise, that "
             "is not tangent to the Gaussian means, averaged over a recorded trial. NEES and NIS are by their degrees "
-            "of freedom: 1 is as sure as one may be. A filter counts as consistent here where the 95 % intervals of "
-            "both meet their chi-square bands: that of NEES as if a trial were one sample, its errors being correlated "
-            "over time, that of NIS with every step, innovations being independent.",
+            "of freedom: 1 is as sure as one may be. A filter counts as consistent here where both means lie in "
+            "their 95 % chi-square bands: that of NEES as if a trial were one sample, its errors being correlated over "
+            "time, that of NIS with every step, innovations being independent. Lost are trials whose NEES a consistent "
+            "filter has in one of 1000 at most; a few of them make a mean of any size.",
             *verdicts(shown),
         ],
         [Table("consistency", "Every system, filter and curvature", frame)],
@@ -80,6 +83,7 @@ def _point(found: Found, oracle: Found | None) -> Point:
     told: dict[str, Any] = (found.recording or {}).get("tangent", {})
     nx, ny = (float(told.get(name, math.nan)) for name in ("states", "measurements"))
     nees, nis = (mean_interval(found.good[name].to_numpy(float)) for name in ("nees", "nis"))
+    beyond = found.good["nees"].to_numpy(float) > nx * chi_square_band(nx, 1 - 2 * RARE).high
     parts = [part for part in told.get("part", ()) if part is not None]
     return Point(
         found,
@@ -90,6 +94,7 @@ def _point(found: Found, oracle: Found | None) -> Point:
         nees.times(1 / nx),
         nis.times(1 / ny),
         bands(nx, ny, len(found.good), int(found.good["steps"].max())),
+        proportion_interval(int(beyond.sum()), len(beyond)) if nx > 0 else NOTHING,
         NOTHING if oracle is None else _loss(found, oracle),
     )
 
@@ -136,6 +141,7 @@ def as_frame(shown: Sequence[Point]) -> pd.DataFrame:
             "band": _span(point.bands[0]),
             "NIS/ny [95 %]": interval(point.nis, 3),
             "band ": _span(point.bands[1]),
+            "Lost % [95 %]": interval(point.lost.times(100), 1),
             "Loss [95 %]": interval(point.loss, 2),
             "Collision %": rate(point.found),
         }
@@ -150,7 +156,7 @@ def _span(band: Estimate) -> str:
 def _numbers(point: Point) -> dict[str, Any]:
     """The same for a machine."""
     line: dict[str, Any] = {name: getattr(point, name) for name in ("system", "filter", "curvature", "residual")}
-    estimates = {"nees": point.nees, "nis": point.nis, "loss": point.loss}
+    estimates = {"nees": point.nees, "nis": point.nis, "lost": point.lost, "loss": point.loss}
     estimates |= {"nees_band": point.bands[0], "nis_band": point.bands[1]}
     for name, value in estimates.items():
         line |= {name: value.value, f"{name}_low": value.low, f"{name}_high": value.high}

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from ..consistency import Point
 
 LOOKS = {"ekf": Look(BLUE, "o", "-"), "ukf": Look(GREEN, "^", "-.")}
+FAR = 3.0  # a NEES by its degrees of freedom from which on an axis is logarithmic
 HOLLOW: Any = {"mfc": "none", "ls": ":"}
 
 
@@ -33,23 +34,31 @@ def consistency_figure(points: Sequence["Point"]) -> Figure | None:
             _bands(column[1], cells)
             for index, filter in enumerate(dict.fromkeys(point.filter for point in cells)):
                 _lines(column, [point for point in cells if point.filter == filter], 0.02 * (2 * index - 1))
-            column[1].set_yscale("log")
+            _scale(column[1], cells)
             column[2].axhline(0, color=GREY, lw=0.6)
             column[2].set_xlabel(r"curvature $\kappa$")
         names = ("Theorem 1's residual", "by degrees of freedom", "loss to the oracle")
         for axes, name in zip(panels[:, 0], names, strict=True):
             axes.set_ylabel(name)
         handles, labels = panels[1, 0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside lower center", ncols=5)
+        figure.legend(handles, labels, loc="outside lower center", ncols=6)
         return figure
 
 
 def _bands(axes: Axes, cells: Sequence["Point"]) -> None:
-    """That of NEES, the wider one, shaded."""
+    """Shaded, that of NIS, the narrower one, darker."""
     curvatures = sorted({point.curvature for point in cells})
-    band = {point.curvature: point.bands[0] for point in cells}
-    low, high = ([band[kappa][end] for kappa in curvatures] for end in (1, 2))
-    axes.fill_between(curvatures, low, high, color="#DDDDDD", lw=0, zorder=0, label="95 % band of NEES")
+    for index, (name, shade) in enumerate((("NEES", "#DDDDDD"), ("NIS", "#AAAAAA"))):
+        band = {point.curvature: point.bands[index] for point in cells}
+        low, high = ([band[kappa][end] for kappa in curvatures] for end in (1, 2))
+        axes.fill_between(curvatures, low, high, color=shade, lw=0, zorder=0, label=f"95 % band of {name}")
+
+
+def _scale(axes: Axes, cells: Sequence["Point"]) -> None:
+    """Logarithmic where a filter is far off."""
+    if max(point.nees.value for point in cells) > FAR:
+        axes.set_yscale("log")
+        axes.yaxis.set_major_formatter("{x:g}")
 
 
 def _lines(column: np.ndarray, cells: Sequence["Point"], aside: float) -> None:
