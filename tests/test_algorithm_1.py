@@ -12,7 +12,8 @@ from jax import Array
 import mppi_belief as mb
 import reference
 from helpers import CENTERS, light_dark_problem, quick_jit
-from mppi_belief.belief import diffusion_factors, gain_schedule, prior
+from mppi_belief.belief import diffusion_factors, gain_schedule
+from mppi_belief.gaussians import prior
 
 KEY = jax.random.key(7)
 PRINTED = {"diffusion": "innovation", "charge": "start", "antithetic": False}

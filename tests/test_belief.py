@@ -13,7 +13,7 @@ from jax import Array
 import mppi_belief as mb
 import reference
 from helpers import float64, light_dark_problem, quick_jit
-from mppi_belief import belief
+from mppi_belief import belief, gaussians
 from mppi_belief.linalg import semidefinite_root
 
 PRECISIONS = {"float32": (nullcontext, np.float32), "float64": (float64, np.float64)}
@@ -47,17 +47,17 @@ class Pendulum:
 def run(problem: mb.Problem, controls: Array, measurements: Array) -> mb.Belief:
     """Beliefs (T,) of a run of predict and correct."""
 
-    def step(at: belief.RootBelief, data: tuple[Array, Array]) -> tuple[belief.RootBelief, mb.Belief]:
+    def step(at: gaussians.RootBelief, data: tuple[Array, Array]) -> tuple[gaussians.RootBelief, mb.Belief]:
         after = belief.correct(problem, belief.predict(problem, at, data[0]), data[1])
         return after, mb.Belief(after.mean, after.cov)
 
-    prior = belief.prior(problem)
-    start = belief.RootBelief(prior.mean, semidefinite_root(prior.cov))
+    prior = gaussians.prior(problem)
+    start = gaussians.RootBelief(prior.mean, semidefinite_root(prior.cov))
     return jax.lax.scan(step, start, (controls, measurements))[1]
 
 
 def test_prior_is_the_problems(light_dark, x64):
-    mean, cov = belief.prior(light_dark)
+    mean, cov = gaussians.prior(light_dark)
     np.testing.assert_array_equal(mean, [1, 1, 0, 0])
     np.testing.assert_allclose(cov, np.diag([0.04, 0.04, 0.0025, 0.0025]), rtol=1e-15)
 
@@ -109,7 +109,7 @@ def test_a_nonlinear_system_equals_an_independent_extended_kalman_filter(convent
 @quick_jit
 def update(cov: Array, C: Array, R_s: Array) -> tuple[Array, Array, Array]:
     root, K, moves = belief.absorb(semidefinite_root(cov), C, R_s)
-    return belief.covariance(root), K, moves
+    return gaussians.covariance(root), K, moves
 
 
 @pytest.mark.parametrize("precision", PRECISIONS)

@@ -9,8 +9,8 @@ from jax import Array
 
 import mppi_belief as mb
 from helpers import light_dark_problem, quick_jit
-from mppi_belief import belief, belief_cost
-from mppi_belief.controllers.mppi_belief import PlanInfo
+from mppi_belief import belief, belief_cost, gaussians
+from mppi_belief.path_integral import PlanInfo
 
 KEY = jax.random.key(7)
 SMALL = mb.JointBelief(n_samples=32, horizon=6, control_std=1.0, temperature=30.0, theta=0.7)
@@ -20,12 +20,12 @@ PLAN = 0.3 * jax.random.normal(jax.random.key(1), (6, 2))
 
 @quick_jit
 def act(problem: mb.Problem, controller: mb.Controller, plan: Array = PLAN) -> tuple[Array, Array, PlanInfo]:
-    return controller.act(problem, belief.prior(problem), plan, KEY)
+    return controller.act(problem, gaussians.prior(problem), plan, KEY)
 
 
 @quick_jit
 def state_costs(problem: mb.Problem, controls: Array) -> tuple[Array, Array]:
-    start = belief.RootBelief(jnp.asarray(problem.prior_mean), jnp.diag(jnp.asarray(problem.prior_std)))
+    start = gaussians.RootBelief(jnp.asarray(problem.prior_mean), jnp.diag(jnp.asarray(problem.prior_std)))
     return SMALL.state_costs(problem, start, controls)
 
 
@@ -51,7 +51,7 @@ def test_each_path_is_charged_for_the_belief_that_its_own_filter_would_have(x64)
     controls = jax.random.normal(KEY, (6, 2, 2))
     costs, means = state_costs(problem, controls)
     for i in range(2):
-        at, total = belief.prior(problem), 0.0
+        at, total = gaussians.prior(problem), 0.0
         for k in range(6):
             ahead = belief.predict(problem, at, controls[k, :, i])
             at = belief.correct(problem, ahead, problem.system.c(ahead.mean))

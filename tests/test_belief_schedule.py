@@ -8,7 +8,7 @@ from scipy.linalg import solve_continuous_are
 import mppi_belief as mb
 import reference
 from helpers import Scalar, light_dark_problem, quick_jit, random_spd
-from mppi_belief import belief
+from mppi_belief import belief, gaussians
 from mppi_belief.discretise import measurement_cov, measurement_intensity
 
 SHAPES = [(1, 1), (2, 1), (4, 2)]
@@ -69,7 +69,7 @@ def test_from_certainty_without_noise_nothing_happens():
 def test_the_scalar_steady_state_is_kept(scalar, x64):
     """What the exact tests of the controller rest on."""
     problem = scalar.problem()
-    found = gain_schedule(problem, belief.prior(problem), jnp.zeros((10, 1)), method="riccati")
+    found = gain_schedule(problem, gaussians.prior(problem), jnp.zeros((10, 1)), method="riccati")
     np.testing.assert_allclose(found.cov.ravel(), scalar.variance, rtol=1e-12)
     np.testing.assert_allclose(found.diffusion.ravel(), scalar.temperature * scalar.b**2 / scalar.R, rtol=1e-12)
 
@@ -112,9 +112,9 @@ def test_the_filters_diffusion_tends_to_the_continuous_one(x64):
 def test_filter_schedule_is_the_filter_that_sees_what_it_expects(convention, x64, rng):
     problem = light_dark_problem(system={"noise_convention": convention})
     controls = rng.normal(size=(STEPS, 2)) * 3
-    found = gain_schedule(problem, belief.prior(problem), jnp.asarray(controls))
+    found = gain_schedule(problem, gaussians.prior(problem), jnp.asarray(controls))
     predict, correct = quick_jit(belief.predict), quick_jit(belief.correct)
-    at, dt = belief.prior(problem), problem.dt
+    at, dt = gaussians.prior(problem), problem.dt
     assert [part.shape for part in found] == [(STEPS + 1, 4), (STEPS + 1, 4, 4), (STEPS, 4, 2), (STEPS, 4, 4)]
     for k, u in enumerate(controls):
         np.testing.assert_allclose(found.mean[k], at.mean, atol=1e-12)
@@ -134,7 +134,7 @@ def test_filter_schedule_is_the_filter_that_sees_what_it_expects(convention, x64
 def test_only_noise_that_depends_on_the_state_lets_controls_move_the_covariance(method, steered, x64, rng):
     problem = light_dark_problem(system={"noise_slope": 0.7 if steered else 0.0})
     idle, busy = (
-        gain_schedule(problem, belief.prior(problem), jnp.asarray(u), method=method)
+        gain_schedule(problem, gaussians.prior(problem), jnp.asarray(u), method=method)
         for u in (np.zeros((STEPS, 2)), rng.normal(size=(STEPS, 2)) + 4)
     )
     assert np.abs(idle.mean[-1] - busy.mean[-1]).max() > 1
@@ -151,7 +151,7 @@ def test_diffusion_factors_have_as_many_columns_as_there_are_measurements(method
     eps = np.finfo(np.float64 if precise else np.float32).eps
     problem = light_dark_problem()
     controls = jnp.asarray(rng.normal(size=(STEPS, 2)) + np.array([3, 0]))
-    found = gain_schedule(problem, belief.prior(problem), controls, method=method)
+    found = gain_schedule(problem, gaussians.prior(problem), controls, method=method)
     L, ranks = quick_jit(belief.diffusion_factors)(found)
     for factor, D in zip(L, found.diffusion, strict=True):
         np.testing.assert_allclose(factor @ factor.T, D, atol=40 * eps * np.abs(D).max())
@@ -160,7 +160,7 @@ def test_diffusion_factors_have_as_many_columns_as_there_are_measurements(method
 
 def test_scalar_schedule_does_not_care_for_controls(scalar: Scalar, x64, rng):
     problem = scalar.problem(noise_convention="sample")
-    idle, busy = (gain_schedule(problem, belief.prior(problem), u) for u in (jnp.zeros((9, 1)), jnp.ones((9, 1))))
+    idle, busy = (gain_schedule(problem, gaussians.prior(problem), u) for u in (jnp.zeros((9, 1)), jnp.ones((9, 1))))
     np.testing.assert_array_equal(idle.cov, busy.cov)
     np.testing.assert_array_equal(idle.diffusion, busy.diffusion)
     assert not np.allclose(idle.mean[1:], busy.mean[1:])

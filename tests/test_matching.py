@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from scipy.linalg import solve_continuous_are, solve_discrete_are
 
 from helpers import float64, light_dark_problem, quick_jit, random_spd
-from mppi_belief.belief import gain_schedule, prior
+from mppi_belief.belief import gain_schedule
+from mppi_belief.gaussians import prior
 from mppi_belief.matching import best_constant_weight, best_weight, matched_weight, optimality_gap, residual
 
 NX, NU = 4, 2

@@ -16,10 +16,10 @@ from cli_helpers import compose
 from helpers import assert_covariance, assert_mean, light_dark_problem, quick_jit, random_spd
 from linear_system import random_problem
 from mppi_belief import belief_cost
-from mppi_belief.belief import MixtureBelief, RootBelief, prior, prior_mixture
-from mppi_belief.controllers.mppi_belief import PlanInfo
 from mppi_belief.experiment import check
 from mppi_belief.filters.mixture import log_likelihood, reweighted
+from mppi_belief.gaussians import MixtureBelief, RootBelief, prior, prior_mixture
+from mppi_belief.path_integral import PlanInfo
 from mppi_belief.settings import ConfigError
 from mppi_belief.simulate import draw_state
 

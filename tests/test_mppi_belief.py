@@ -11,8 +11,9 @@ from jax import Array
 import mppi_belief as mb
 from helpers import assert_covariance, light_dark_problem, quick_jit
 from mppi_belief import belief_cost, path_integral
-from mppi_belief.belief import gain_schedule, prior
-from mppi_belief.controllers.mppi_belief import PlanInfo
+from mppi_belief.belief import gain_schedule
+from mppi_belief.gaussians import prior
+from mppi_belief.path_integral import PlanInfo
 
 KEY = jax.random.key(7)
 # one shape for nearly all tests, so that they share what has been compiled

@@ -8,7 +8,7 @@ import pytest
 import mppi_belief as mb
 import random_scenarios
 from helpers import Feedback, float64, light_dark_problem, quick_jit
-from mppi_belief import belief
+from mppi_belief import belief, gaussians
 from mppi_belief import path_integral as pi
 from mppi_belief.experiment.trials import divergence
 from mppi_belief.linalg import decorrelated, semidefinite_root, triangular_root
@@ -37,7 +37,7 @@ def test_two_measurements_of_a_rank_one_belief_a_million_times_their_noise_in_fl
         exact = 1 / (1 / 1 + np.sum((C @ root / noise) ** 2))
     cov = jnp.asarray(np.outer(root, root), jnp.float32)
     after, K, moves = quick_jit(belief.absorb)(semidefinite_root(cov), jnp.asarray(C), jnp.diag(noise**2))
-    found = np.asarray(belief.covariance(after), float)
+    found = np.asarray(gaussians.covariance(after), float)
     values = np.linalg.eigvalsh(found)
     assert values[0] >= -9 * TINY * values[-1]
     np.testing.assert_allclose(found, exact * np.outer(root, root), rtol=1e-3)

@@ -9,8 +9,9 @@ import pytest
 
 import mppi_belief as mb
 from helpers import Feedback, quick_jit, random_spd
-from mppi_belief.belief import aimed_ahead, gain_schedule, predict, prior
+from mppi_belief.belief import aimed_ahead, gain_schedule, predict
 from mppi_belief.filters import EKF
+from mppi_belief.gaussians import prior
 from mppi_belief.matching import matched_weight, residual
 from mppi_belief.sensing import LEFT, matching_sensor
 from mppi_belief.simulate import simulate_trial

@@ -11,8 +11,8 @@ import pytest
 import mppi_belief as mb
 from helpers import light_dark_problem, quick_jit, random_spd
 from linear_system import random_problem
-from mppi_belief.belief import RootBelief
 from mppi_belief.filters.ukf import regression, sigma_points
+from mppi_belief.gaussians import RootBelief
 from mppi_belief.tangent import gaussian_nodes, outside_mean_tangent
 from test_beacons import beacons, turned
 from test_pendulum import pendulum

@@ -65,7 +65,7 @@ def _replay(closed: core.ClosedJaxpr, inputs: Sequence[Value], n: int) -> list[V
 
     def read(variable: Any) -> Value:
         if isinstance(variable, core.Literal):
-            return Value(jnp.asarray(variable.val, _aval(variable).dtype), False)
+            return Value(jnp.asarray(variable.val, aval(variable).dtype), False)
         return known[variable]
 
     for equation in jaxpr.eqns:
@@ -81,7 +81,7 @@ def _apply(equation: core.JaxprEqn, inputs: list[Value], n: int) -> list[Value]:
     if not any(v.mapped for v in inputs):
         return [Value(a, False) for a in _alone(equation, *(v.array for v in inputs))]
     if primitive.name in ELEMENTWISE:
-        shape = _aval(equation.outvars[0]).shape
+        shape = aval(equation.outvars[0]).shape
         arrays = [_spread(v, n, shape) for v in inputs]
         return [Value(primitive.bind(*arrays, **params), True)]
     if primitive.name == "concatenate":
@@ -126,21 +126,21 @@ def _adapted(name: str, params: dict[str, Any], x: Array) -> dict[str, Any] | No
     return None
 
 
-def _aval(variable: Any) -> jax.ShapeDtypeStruct:
+def aval(variable: Any) -> jax.ShapeDtypeStruct:
     return variable.aval
 
 
 def is_plain(equation: core.JaxprEqn) -> bool:
     """Whether a `dot_general` has one type and no batch axes, and adds up something."""
     (left, _), (batch, _) = equation.params["dimension_numbers"]
-    a, b = (_aval(v) for v in equation.invars)
+    a, b = (aval(v) for v in equation.invars)
     plain = equation.params["preferred_element_type"] in (None, a.dtype) and a.dtype == b.dtype
     return plain and not batch and math.prod(a.shape[i] for i in left) > 0
 
 
 def _is_short(equation: core.JaxprEqn) -> bool:
     (left, _), _ = equation.params["dimension_numbers"]
-    return is_plain(equation) and math.prod(_aval(equation.invars[0]).shape[i] for i in left) <= LARGEST_UNROLLED
+    return is_plain(equation) and math.prod(aval(equation.invars[0]).shape[i] for i in left) <= LARGEST_UNROLLED
 
 
 def _product(contracted: tuple[Sequence[int], Sequence[int]], a: Value, b: Value) -> Array:

@@ -21,7 +21,7 @@ import numpy as np
 from jax import Array
 from jax.extend import core
 
-from .batching import ELEMENTWISE, Value, is_plain, left_to_vmap, samples_of, vmap_last
+from .batching import ELEMENTWISE, Value, aval, is_plain, left_to_vmap, samples_of, vmap_last
 
 LARGEST = 36  # components of an array; beyond, a program of single components takes too long to compile
 Table = np.ndarray  # of objects: components
@@ -75,7 +75,7 @@ def _replay(closed: core.ClosedJaxpr, inputs: Sequence[Table], n: int) -> list[T
 
     def read(variable: Any) -> Table:
         if isinstance(variable, core.Literal):
-            return _table(np.asarray(variable.val, variable.aval.dtype), ())
+            return _table(np.asarray(variable.val, aval(variable).dtype), ())
         return tables[variable]
 
     for equation in jaxpr.eqns:
@@ -93,12 +93,12 @@ def _apply(equation: core.JaxprEqn, inputs: list[Table], n: int) -> Sequence[Tab
     if name in ELEMENTWISE:
         return [_each(functools.partial(_bound, equation), inputs)]
     if name in _MOVES:
-        return [_MOVES[name](equation.outvars[0].aval, params, *inputs)]
+        return [_MOVES[name](aval(equation.outvars[0]), params, *inputs)]
     if name == "split":
         return np.split(inputs[0], np.cumsum(params["sizes"])[:-1], axis=params["axis"])
     if name == "dot_general" and is_plain(equation):
         return [_product(params["dimension_numbers"][0], *inputs)]
-    arrays = [Value(_joined(t, v.aval.dtype, n), True) for t, v in zip(inputs, equation.invars, strict=True)]
+    arrays = [Value(_joined(t, aval(v).dtype, n), True) for t, v in zip(inputs, equation.invars, strict=True)]
     return [_table(result.array, result.array.shape[:-1]) for result in left_to_vmap(equation, arrays)]
 
 
@@ -127,7 +127,7 @@ def _multiply(a: Any, b: Any) -> Any:
 
 def _bound(equation: core.JaxprEqn, *components: Any) -> Any:
     """An operation on one component of each operand; on known ones its value is known."""
-    kinds = [v.aval.dtype for v in equation.invars]
+    kinds = [aval(v).dtype for v in equation.invars]
     if equation.primitive.name == "select_n" and _known(components[0]):
         return components[1 + int(components[0])]
     if all(map(_known, components)):

@@ -19,6 +19,7 @@ Sampled arrays keep the sample as their last axis: (H, nu, N), (H, nx, N); costs
 """
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -30,6 +31,17 @@ from .noise import standard_normal
 from .problem import Problem
 
 BLOCK = 2000  # samples whose arrays stay in the cache of a CPU's core
+
+
+class PlanInfo(NamedTuple):
+    """Diagnostics of one step: effective sample size (), state cost of the nominal it started from (),
+    planned covariances (H+1, nx, nx), sampled means (H, nx, N) and their weights (N,)."""
+
+    ess: Array
+    nominal_cost: Array
+    planned_cov: Array
+    means: Array
+    weights: Array
 
 
 def control_map(G: Array, R: Array) -> Array:

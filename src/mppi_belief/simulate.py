@@ -11,8 +11,9 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from .belief import aimed_ahead, drawn_mode, forecast
+from .belief import aimed_ahead, forecast
 from .discretise import euler_step, measurement_difference, measurement_factor
+from .gaussians import drawn_mode
 from .linalg import psd_factor, quadratic_form, squared_distance
 from .noise import standard_normal
 from .problem import Belief, Controller, Filter, Problem

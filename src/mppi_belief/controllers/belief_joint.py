@@ -12,12 +12,12 @@ import jax.numpy as jnp
 from jax import Array
 
 from .. import path_integral as pi
-from ..belief import GainSchedule, RootBelief, covariance, filter_step, gain_schedule, rooted
+from ..belief import GainSchedule, filter_step, gain_schedule
 from ..belief_cost import expected_terminal, risk_sensitive
 from ..componentwise import componentwise
+from ..gaussians import RootBelief, covariance, rooted
 from ..problem import Belief, Problem
 from ..pytree import choice, number, size, struct
-from .mppi_belief import PlanInfo
 
 
 @struct
@@ -41,7 +41,7 @@ class JointBelief:
 
     def act(
         self, problem: Problem, belief: Belief | RootBelief, plan: Array, key: Array
-    ) -> tuple[Array, Array, PlanInfo]:
+    ) -> tuple[Array, Array, pi.PlanInfo]:
         """The control (nu,), the nominal shifted by one step (H, nu), diagnostics."""
         start = RootBelief(belief.mean, rooted(belief))
         weight = pi.girsanov_weight(problem, self.temperature, self.control_std, self.alpha)
@@ -55,7 +55,8 @@ class JointBelief:
         change, w, means = pi.weighted_in_blocks(paths, key, self.n_samples, self.temperature)
         improved = plan + change
         nominal_cost = self.state_costs(problem, start, plan[:, :, None])[0][0]
-        info = PlanInfo(pi.effective_sample_size(w), nominal_cost, gain_schedule(problem, belief, plan).cov, means, w)
+        planned = self.planned(problem, start, plan).cov
+        info = pi.PlanInfo(pi.effective_sample_size(w), nominal_cost, planned, means, w)
         return improved[0], pi.receded(improved), info
 
     def planned(self, problem: Problem, start: RootBelief, plan: Array) -> GainSchedule:
@@ -80,7 +81,7 @@ class JointBelief:
             rate = charged(seen[0], jax.lax.optimization_barrier(spread(seen[1])))
             return (*after, total + rate * problem.dt), after[0]
 
-        first = [jnp.broadcast_to(part[..., None], (*part.shape, samples)) for part in start]
-        (mean, root, total), means = jax.lax.scan(advance, (*first, jnp.zeros(samples)), controls)
+        mean, root = (jnp.broadcast_to(part[..., None], (*part.shape, samples)) for part in start)
+        (mean, root, total), means = jax.lax.scan(advance, (mean, root, jnp.zeros(samples)), controls)
         last = componentwise(lambda mean, root: expected_terminal(cost, mean, covariance(root)), (True, True))
         return total + last(mean, root), means

@@ -7,14 +7,12 @@ over controls, Sigma_k being the schedule of Assumption 1 along the nominal traj
 those of the mixture, its weights held at their present values over the horizon.
 """
 
-from typing import NamedTuple
-
 import jax
 import jax.numpy as jnp
 from jax import Array
 
 from .. import path_integral as pi
-from ..belief import GainSchedule, MixtureBelief, RootBelief, diffusion_factors, gain_schedule, mixture_cov
+from ..belief import GainSchedule, diffusion_factors, gain_schedule
 from ..belief_cost import (
     certainty_equivalent,
     expected_terminal,
@@ -22,19 +20,9 @@ from ..belief_cost import (
     mixture_terminal,
     risk_sensitive,
 )
+from ..gaussians import MixtureBelief, RootBelief, mixture_cov
 from ..problem import Belief, Problem
 from ..pytree import choice, number, size, struct
-
-
-class PlanInfo(NamedTuple):
-    """Diagnostics of one step: effective sample size (), state cost of the nominal it started from (),
-    planned covariances (H+1, nx, nx), sampled means (H, nx, N) and their weights (N,)."""
-
-    ess: Array
-    nominal_cost: Array
-    planned_cov: Array
-    means: Array
-    weights: Array
 
 
 @struct
@@ -78,7 +66,7 @@ class MPPIBelief:
         """The zero nominal (H, nu)."""
         return jnp.zeros((self.horizon, problem.cost.R.shape[0]))
 
-    def act(self, problem: Problem, belief: Belief, plan: Array, key: Array) -> tuple[Array, Array, PlanInfo]:
+    def act(self, problem: Problem, belief: Belief, plan: Array, key: Array) -> tuple[Array, Array, pi.PlanInfo]:
         """The control (nu,), the nominal shifted by one step (H, nu), diagnostics."""
         if isinstance(belief, MixtureBelief) and self._sees_components():
             return self._act_on_mixture(problem, belief, plan, key)
@@ -94,7 +82,7 @@ class MPPIBelief:
         change, w, means = pi.weighted_in_blocks(paths, key, self.n_samples, self.temperature)
         improved = plan + change
         nominal_cost = self._costs(problem, mean, schedule.mean[1:, :, None], schedule.cov)[0]
-        info = PlanInfo(pi.effective_sample_size(w), nominal_cost, schedule.cov, means, w)
+        info = pi.PlanInfo(pi.effective_sample_size(w), nominal_cost, schedule.cov, means, w)
         return improved[0], self._carry(improved), info
 
     def _sees_components(self) -> bool:
@@ -103,7 +91,7 @@ class MPPIBelief:
 
     def _act_on_mixture(
         self, problem: Problem, belief: MixtureBelief, plan: Array, key: Array
-    ) -> tuple[Array, Array, PlanInfo]:
+    ) -> tuple[Array, Array, pi.PlanInfo]:
         """The same with every component's means (m, nx) and covariances (m, nx, nx) in the place of one."""
         schedules = jax.vmap(lambda mean, root: gain_schedule(problem, RootBelief(mean, root), plan, self.schedule))(
             belief.means, belief.roots
@@ -122,7 +110,7 @@ class MPPIBelief:
         improved = plan + change
         nominal_cost = self._mixture_costs(problem, belief, nominal[1:, :, :, None], covs)[0]
         planned = jax.vmap(mixture_cov, in_axes=(None, 0, 0))(belief.weights, nominal, covs)
-        info = PlanInfo(pi.effective_sample_size(w), nominal_cost, planned, means, w)
+        info = pi.PlanInfo(pi.effective_sample_size(w), nominal_cost, planned, means, w)
         return improved[0], self._carry(improved), info
 
     def _mixture_costs(self, problem: Problem, belief: MixtureBelief, means: Array, covs: Array) -> Array:

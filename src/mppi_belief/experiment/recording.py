@@ -13,8 +13,9 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from ..belief import GainSchedule, covariance, gain_schedule, predict, prior
+from ..belief import GainSchedule, gain_schedule, predict
 from ..discretise import measurement_difference, measurement_factor
+from ..gaussians import covariance, prior
 from ..matching import best_weight, matched_weight, residual
 from ..problem import Belief, Controller, Filter, Problem
 from ..simulate import Trial, closed_loop

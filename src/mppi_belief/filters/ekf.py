@@ -4,6 +4,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from .. import belief as gaussian
+from ..gaussians import RootBelief, prior_mixture
 from ..problem import Belief, Problem
 from ..pytree import struct
 
@@ -12,13 +13,11 @@ from ..pytree import struct
 class EKF:
     """The discrete recursion of `mppi_belief.belief`, noise and Jacobians at the predicted mean."""
 
-    def init(self, problem: Problem, key: Array) -> gaussian.RootBelief:
+    def init(self, problem: Problem, key: Array) -> RootBelief:
         if problem.prior_modes is not None:
-            whole = gaussian.prior_mixture(problem)
-            return gaussian.RootBelief(whole.mean, whole.root)
-        return gaussian.RootBelief(jnp.asarray(problem.prior_mean), jnp.diag(jnp.asarray(problem.prior_std)))
+            whole = prior_mixture(problem)
+            return RootBelief(whole.mean, whole.root)
+        return RootBelief(jnp.asarray(problem.prior_mean), jnp.diag(jnp.asarray(problem.prior_std)))
 
-    def update(
-        self, problem: Problem, belief: Belief | gaussian.RootBelief, u: Array, y: Array, key: Array
-    ) -> gaussian.RootBelief:
+    def update(self, problem: Problem, belief: Belief | RootBelief, u: Array, y: Array, key: Array) -> RootBelief:
         return gaussian.correct(problem, gaussian.predict(problem, belief, u), y)

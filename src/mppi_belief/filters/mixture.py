@@ -11,8 +11,8 @@ import jax.numpy as jnp
 from jax import Array
 
 from .. import belief as gaussian
-from ..belief import MixtureBelief, RootBelief
 from ..discretise import measurement_cov
+from ..gaussians import MixtureBelief, RootBelief, prior_mixture
 from ..linalg import decorrelated
 from ..problem import Problem
 from ..pytree import struct
@@ -23,7 +23,7 @@ class MixtureFilter:
     """As many components as the prior has modes; of one, it is the EKF."""
 
     def init(self, problem: Problem, key: Array) -> MixtureBelief:
-        return gaussian.prior_mixture(problem)
+        return prior_mixture(problem)
 
     def update(self, problem: Problem, belief: MixtureBelief, u: Array, y: Array, key: Array) -> MixtureBelief:
         """Each component by itself, then weighed by how likely it held the measurement."""

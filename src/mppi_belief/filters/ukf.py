@@ -20,8 +20,9 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from ..belief import RootBelief, absorb, covariance, rooted
+from ..belief import absorb
 from ..discretise import euler_step, measurement_cov, measurement_difference
+from ..gaussians import RootBelief, covariance, rooted
 from ..linalg import triangular_root
 from ..problem import Belief, Problem
 from ..pytree import struct

@@ -24,11 +24,12 @@ import numpy as np
 from jax import Array
 from scipy.linalg import solve_discrete_are
 
-from ..belief import gain_schedule, prior
+from ..belief import gain_schedule
 from ..certificate import Certificate, Check, Line, Panel, at_most, largest_z, near, quantile, rounding, within_errors
 from ..controllers import LQG, MPPIBelief
 from ..costs import GoalObstacleCost
 from ..filters import EKF
+from ..gaussians import prior
 from ..obstacles import Obstacles
 from ..problem import Belief, Controller, Problem
 from ..simulate import metrics, simulate_trial

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from ..belief import gain_schedule, kalman_bucy, prior
+from ..belief import gain_schedule, kalman_bucy
 from ..certificate import (
     Certificate,
     Check,
@@ -28,6 +28,7 @@ from ..certificate import (
     within_errors,
 )
 from ..filters import EKF, ParticleFilter
+from ..gaussians import prior
 from ..problem import Problem
 from ..simulate import FILTER, role_key
 from ..systems import ScalarLinear

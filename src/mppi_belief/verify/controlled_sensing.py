@@ -22,9 +22,10 @@ from jax import Array
 from scipy.linalg import expm
 
 from .. import path_integral as pi
-from ..belief import GainSchedule, gain_schedule, kalman_bucy, prior
+from ..belief import GainSchedule, gain_schedule, kalman_bucy
 from ..certificate import EPSILON, Certificate, Check, Line, Panel, at_most, largest_z, order, rounding
 from ..costs import GoalObstacleCost
+from ..gaussians import prior
 from ..linalg import psd_factor
 from ..matching import matched_weight, residual
 from ..obstacles import Obstacles

@@ -21,11 +21,12 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm, solve_continuous_are, solve_discrete_are
 
-from ..belief import GainSchedule, gain_schedule, kalman_bucy, predict, prior, riccati_rate
+from ..belief import GainSchedule, gain_schedule, kalman_bucy, predict, riccati_rate
 from ..certificate import EPSILON, Certificate, Check, Line, Panel, at_least, at_most, order, rounding
 from ..controllers import LQG
 from ..costs import GoalObstacleCost
 from ..filters import EKF
+from ..gaussians import prior
 from ..obstacles import Obstacles
 from ..problem import Belief, Problem, System
 from ..simulate import simulate_trial

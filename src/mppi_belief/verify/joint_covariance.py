@@ -8,7 +8,7 @@ V = -lambda log Psi still makes the equation linear, and Psi is the expectation 
 mu along which Sigma is carried. Here: one state, a sensor that is good in one place.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -18,11 +18,11 @@ from numpy.polynomial.hermite_e import hermegauss
 from scipy.interpolate import RectBivariateSpline
 
 from .. import path_integral as pi
-from ..belief import RootBelief
 from ..belief_cost import expected_terminal, risk_sensitive
 from ..certificate import Certificate, Check, Line, Panel, at_least, order, quantile, within_errors
 from ..controllers import JointBelief
 from ..costs import GoalObstacleCost
+from ..gaussians import RootBelief
 from ..obstacles import Obstacles
 from ..problem import Problem
 from ..pytree import choice, number, struct
@@ -87,11 +87,14 @@ class Sampled(NamedTuple):
     shared: float
 
 
+LIT = Lit(0.4, 0.5, 0.4, 1.5, "intensity")
+
+
 def problem_of(steps: int) -> Problem:
     """The scalar problem in so many steps."""
     one = jnp.ones(1)
     cost = GoalObstacleCost(0 * one, one, 2 * one, one, Obstacles(0.8 * jnp.ones((1, 1)), 0), 1.5, 0.5)
-    return Problem(Lit(0.4, 0.5, 0.4, 1.5), cost, 0 * one, one, DURATION / steps, steps)
+    return Problem(LIT, cost, 0 * one, one, DURATION / steps, steps)
 
 
 def certify(seed: int = 0) -> Certificate:
@@ -153,7 +156,7 @@ def exact(
     """log Psi and the control (n,) one step before `values[0]`, by Gauss-Hermite quadrature over that step."""
     nodes, weights = hermegauss(NODES)
     increments = nodes * np.sqrt(TEMPERATURE / problem.dt)  # covariance lambda R^-1 / dt, R = 1
-    mu, after = filtered(problem.system, mean[:, None] + increments * problem.dt, variance[:, None], problem.dt)
+    mu, after = filtered(LIT, mean[:, None] + increments * problem.dt, variance[:, None], problem.dt)
     rate = running(problem, mu.ravel(), after.ravel()).reshape(mu.shape)
     log = values[0].ev(mu.ravel(), np.log(after.ravel())).reshape(mu.shape) - rate * problem.dt / TEMPERATURE
     most = log.max(axis=1, keepdims=True)
@@ -189,7 +192,7 @@ def residual(problem: Problem, values: list[RectBivariateSpline]) -> np.ndarray:
     at, after = (-TEMPERATURE * v.ev(mu, np.log(variance)) for v in values[:2])
     slope, bend = (-TEMPERATURE * values[0].ev(mu, np.log(variance), dx=k) for k in (1, 2))
     in_variance = -TEMPERATURE * values[0].ev(mu, np.log(variance), dy=1) / variance
-    riccati = problem.system.process_noise**2 - variance**2 / sensor(problem.system, mu)
+    riccati = LIT.process_noise**2 - variance**2 / sensor(LIT, mu)
     rate = running(problem, mu.ravel(), variance.ravel()).reshape(mu.shape)
     left = rate - 0.5 * slope**2 + riccati * in_variance + 0.5 * TEMPERATURE * bend
     return (after - at) / problem.dt + left
@@ -209,7 +212,8 @@ def sampled(problem: Problem, mean: float, std: float, key: Array) -> Sampled:
 @quick_jit
 def _paths(problem: Problem, mean: Array, root: Array, key: Array) -> tuple[Array, Array, Array]:
     """First increments, costs with a covariance for each path, costs with that of the still path for all; each (N,)."""
-    controller = JointBelief(n_samples=PATHS, horizon=problem.steps, temperature=TEMPERATURE, theta=THETA)
+    settings: dict[str, Any] = {"temperature": TEMPERATURE, "theta": THETA}
+    controller = JointBelief(PATHS, problem.steps, **settings)
     normals = pi.normals(key, (problem.steps, 1, PATHS), False)
     increments = pi.matched_increments(problem, normals, TEMPERATURE, None)
     costs, means = controller.state_costs(problem, RootBelief(mean, root), increments)

@@ -22,9 +22,10 @@ from jax import Array
 from scipy.linalg import solve_continuous_are
 from scipy.optimize import brentq
 
-from ..belief import gain_schedule, prior
+from ..belief import gain_schedule
 from ..certificate import EPSILON, Certificate, Check, Line, Panel, at_most, near, rounding
 from ..costs import GoalObstacleCost
+from ..gaussians import prior
 from ..matching import ConstantWeight, best_constant_weight, best_weight, residual
 from ..obstacles import Obstacles
 from ..problem import Problem

@@ -12,8 +12,9 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from ..belief import GainSchedule, gain_schedule, prior
+from ..belief import GainSchedule, gain_schedule
 from ..certificate import EPSILON, Certificate, Check, at_most, near, rounding
+from ..gaussians import prior
 from ..linalg import psd_factor
 from ..matching import best_constant_weight, best_weight, matched_weight, numerical_rank, residual
 from ..problem import Controller, Filter, Problem
