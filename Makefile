@@ -5,7 +5,7 @@ ARGS ?=
 TEST_WORKERS ?= 2
 
 .DEFAULT_GOAL := help
-.PHONY: help install run report verify calibration test test-faults test-scenarios test-solver test-cluster check lint types layers format bench bench-docs bench-compare bench-scale bench-cluster picture clean
+.PHONY: help install run report beyond verify calibration test test-faults test-scenarios test-solver test-cluster check lint types layers format bench bench-docs bench-compare bench-scale bench-cluster picture clean
 
 help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -29,6 +29,15 @@ report: install  ## run what is missing of the paper's studies, then tables, fig
 	  $(BIN)/mppi-belief run experiment=$$study $(ARGS) || [ $$? -eq 3 ] || exit 1; done  # 3: some trials failed
 	@echo "== certificates"; $(BIN)/mppi-belief verify $(filter seed=% workers=% verify_dir=%,$(ARGS)) || [ $$? -eq 1 ]  # 1: one fails
 	$(BIN)/mppi-belief report $(ARGS)
+
+BEYOND := information two_lanes nonlinearity controlled_sensing
+comma := ,
+space := $(subst ,, )
+
+beyond: install  ## studies of what the paper leaves as future work, into outputs/beyond/index.html
+	@for study in $(BEYOND); do echo "== $$study"; \
+	  $(BIN)/mppi-belief run experiment=$$study $(ARGS) || [ $$? -eq 3 ] || exit 1; done  # 3: some trials failed
+	$(BIN)/mppi-belief report experiment=$(subst $(space),$(comma),$(BEYOND)) report_dir=outputs/beyond $(ARGS)
 
 verify: install  ## certificates of the paper's theorems, a minute or two: outputs/verify/certificates.md
 	$(BIN)/mppi-belief verify $(ARGS)

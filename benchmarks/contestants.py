@@ -23,6 +23,7 @@ class Contestant(NamedTuple):
 CONTESTANTS = (
     Contestant("ce", "ours", "CE-MPPI", floor="floor_ce"),
     Contestant("belief", "ours", "MPPI-Belief", floor="floor_belief"),
+    Contestant("belief_joint", "ours", "MPPI-Belief, a covariance a path"),
     Contestant("pipf", "ours", "PIPF (50 x 200 samples)", floor="floor_pipf"),
     Contestant("ilqg", "ours", "EKF-iLQG"),
     Contestant("normals", "floors", "normals of all samples", "floors"),

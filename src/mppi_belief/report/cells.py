@@ -15,6 +15,7 @@ from .summary import plain
 
 NAMES = {
     "belief": "MPPI-Belief",
+    "belief_joint": "MPPI-Belief, a covariance a path",
     "ce": "CE-MPPI",
     "pipf": "PIPF",
     "ilqg": "EKF-iLQG",

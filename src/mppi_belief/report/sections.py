@@ -11,6 +11,7 @@ from .cells import Found, by_method
 from .comparison import as_latex, differences, table_1
 from .consistency import consistency
 from .files import write_text
+from .information import information
 from .page import Picture, Section
 from .quality import quality
 from .sensing import sensing
@@ -158,6 +159,7 @@ BUILDERS: dict[str, Callable[[list[Found], Path], Section]] = {
     "quality_per_time": quality,
 }  # of the paper: what a report is of unless it is asked for others
 BEYOND: dict[str, Callable[[list[Found], Path], Section]] = {
+    "information": information,
     "controlled_sensing": sensing,
     "nonlinearity": consistency,
     "two_lanes": two_lanes,
