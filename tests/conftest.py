@@ -1,5 +1,7 @@
 """Fixtures shared by all tests."""
 
+import gc
+import itertools
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -11,11 +13,23 @@ import mppi_belief as mb
 from helpers import Scalar, float64, light_dark_problem, quick_jit
 from mppi_belief import targets
 
+ENDED = itertools.count(1)  # tests of this process
+
 
 @pytest.fixture(autouse=True, scope="session")
 def own_parts() -> None:
     """Configurations may name the classes of the tests' own modules."""
     targets.allow([Path(__file__).parent])
+
+
+@pytest.fixture(autouse=True)
+def room_for_programs() -> Iterator[None]:
+    """Every compiled program maps some pages, and a process may have 65 530 maps: LLVM aborts when it gets none."""
+    yield
+    maps = Path("/proc/self/maps")
+    if next(ENDED) % 20 == 0 and maps.exists() and maps.read_bytes().count(b"\n") > 20_000:
+        jax.clear_caches()
+        gc.collect()
 
 
 @pytest.fixture

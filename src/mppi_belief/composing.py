@@ -150,7 +150,7 @@ def collect(args: Sequence[str]) -> list[dict[str, Any]]:
         config: Any = OmegaConf.to_container(composed, resolve=True)
         config["batch"] = batch_size(config)
         settings = HydraConfig.get()
-        names = _chosen(settings.runtime.choices)
+        names = _chosen(settings.runtime.choices, config)
         keys = [override.lstrip("+~").partition("=")[0] for override in settings.overrides.task]
         swept = [key for key in keys if key.split(".")[0] not in (*RUNTIME_KEYS, "sweep", "experiment")]
         configs.append(config)
@@ -175,15 +175,21 @@ def collect(args: Sequence[str]) -> list[dict[str, Any]]:
     return [config | label | code for config, label, code in zip(configs, labels, codes, strict=True)]
 
 
-def _chosen(choices: Any) -> dict[str, str]:
-    """The option of each group that names a cell; raises `ConfigError` for one that is not a file of its group."""
+def _chosen(choices: Any, config: dict[str, Any]) -> dict[str, str]:
+    """The option of each group that names a cell; raises `ConfigError` for one that is not a file of its group.
+
+    A system's file may give the cost itself, which then goes by the system's name.
+    """
     for group, option in choices.items():
         if option is not None and not re.fullmatch(r"\w[\w.-]*", str(option)) and not group.startswith("hydra"):
             raise ConfigError(f"{group}={option}: an option is one word")
+    options = dict(choices)
+    if options.get("cost") is None and config.get("cost"):
+        options["cost"] = options.get("system")
     for group in NAMED_GROUPS:
-        if choices.get(group) is None:
+        if options.get(group) is None:
             raise ConfigError(f"{group}: one must be chosen")
-    return {group: str(choices[group]) for group in NAMED_GROUPS}
+    return {group: str(options[group]) for group in NAMED_GROUPS}
 
 
 def _scalar(config: dict[str, Any], key: str) -> Any:

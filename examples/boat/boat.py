@@ -1,0 +1,72 @@
+"""A boat in a current, told by a radar ashore where it is: a system and a cost of one's own."""
+
+import jax.numpy as jnp
+from jax import Array
+
+import mppi_belief as mb
+
+
+@mb.struct
+class Boat:
+    """Position p = [east, north] in m, control: speed through the water in m/s; the current is strongest in mid-stream.
+
+    dp = (current(p) + u) dt + sigma_w dw,    y = p + sigma_o(p) v,    sigma_o grows with the distance from the radar
+    """
+
+    rocks: mb.Obstacles
+    current: float = mb.number()  # m/s, to the north in mid-stream (east = 0)
+    gusts: float = mb.number(ge=0)  # sigma_w, m/s^0.5
+    radar: Array = mb.array(ndim=1)  # where it stands, m
+    resolution: float = mb.number(gt=0)  # m, at the radar
+    spread: float = mb.number(ge=0)  # m for each m of distance
+    noise_convention: str = mb.choice("sample", "intensity")
+
+    @property
+    def H(self) -> Array:
+        return self.gusts * jnp.eye(2)
+
+    def f(self, x: Array) -> Array:
+        return jnp.stack([0.0 * x[0], self.current * jnp.exp(-(x[0] ** 2))])
+
+    def G(self, x: Array) -> Array:
+        return jnp.eye(2)
+
+    def c(self, x: Array) -> Array:
+        return x
+
+    def sigma_o(self, x: Array) -> Array:
+        away = x - jnp.asarray(self.radar)
+        return (self.resolution + self.spread * jnp.sqrt(away @ away + 1e-6)) * jnp.eye(2)
+
+    def position(self, x: Array) -> Array:
+        return x
+
+    def clearance(self, x: Array) -> Array:
+        return self.rocks.clearance(x)
+
+
+@mb.struct
+class Crossing:
+    """Be at the pier, not on the rocks: |p - pier|^2 / 2, and a danger that falls off with the distance from a rock.
+
+    It gives no moments, so expectation and variance under a belief are integrated by a cubature rule.
+    """
+
+    goal: Array = mb.array(ndim=1)  # the pier, m
+    effort: float = mb.number(gt=0)  # R
+    w_obs: float = mb.number(ge=0)
+    reach: float = mb.number(gt=0)  # m, of the danger
+    rocks: mb.Obstacles
+
+    @property
+    def R(self) -> Array:
+        return self.effort * jnp.eye(2)
+
+    def base(self, x: Array) -> Array:
+        return 0.5 * jnp.sum((x - jnp.asarray(self.goal)) ** 2)
+
+    def penalty(self, x: Array) -> Array:
+        return self.w_obs / (1.0 + jnp.exp(self.rocks.clearance(x) / self.reach))
+
+    def terminal(self, x: Array) -> Array:
+        return 4.0 * self.base(x)

@@ -1,0 +1,52 @@
+"""The tutorial and the notebook: what they quote is what lies there, and what they tell to do works."""
+
+import json
+import re
+import shlex
+import sys
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import pytest
+
+from cli_helpers import Said, call
+
+ROOT = Path(__file__).parents[1]
+TUTORIAL = (ROOT / "docs" / "tutorial.md").read_text()
+QUICK = ("planner.n_samples=16", "planner.horizon=3", "problem.steps=3", "n_trials=2", "workers=1")
+COMMANDS = re.findall(r"^    mppi-belief (.+)$", TUTORIAL, re.MULTILINE)
+
+
+@pytest.mark.parametrize("name", ["boat.py", "system/boat.yaml", "experiment/crossing.yaml"])
+def test_what_it_quotes_is_what_lies_there(name):
+    quoted = re.findall(r"^```\w+\n(.*?)^```$", TUTORIAL, re.MULTILINE | re.DOTALL)
+    assert (ROOT / "examples" / "boat" / name).read_text() in quoted
+
+
+def test_its_commands_run_one_after_the_other(tmp_path, capsys):
+    assert len(COMMANDS) == 5
+    for line in COMMANDS:
+        said = told(line, tmp_path, capsys)
+        assert said.code == 0, (line, said.err)
+    assert "boat" in (tmp_path / "outputs" / "report" / "index.html").read_text()
+
+
+def told(line: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> Said:
+    """A command of the tutorial, smaller."""
+    command, *words = shlex.split(line.replace("examples/boat", str(ROOT / "examples" / "boat")))
+    return call(folder, capsys, command, *words, *(QUICK[:3] if command == "verify" else QUICK))
+
+
+def test_the_notebook_runs_from_its_folder(monkeypatch, capsys):
+    monkeypatch.chdir(ROOT / "examples")
+    monkeypatch.setattr(plt, "show", lambda: None)
+    notebook = json.loads(Path("boat.ipynb").read_text())
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    names: dict[str, object] = {}
+    for cell in notebook["cells"]:
+        if cell["cell_type"] == "code":
+            assert (cell["outputs"], cell["execution_count"]) == ([], None), "commit it without output"
+            exec("".join(cell["source"]), names)
+    said = capsys.readouterr().out.splitlines()
+    assert [line.split()[0] for line in said] == ["MPPI-Belief", "CE-MPPI"]
+    plt.close("all")
