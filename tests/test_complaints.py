@@ -21,7 +21,7 @@ OPTIONS = r"no such option, choose from .*"
         (["planner.horizon=many"], r"planner\.horizon=many: must be a whole number"),
         (["controler=belief"], r"unknown key 'controler'; did you mean 'controller'\?"),
         (["controller=beleif"], rf"controller=beleif: {OPTIONS}belief, .*; did you mean 'belief'\?"),
-        (["system=moon"], rf"system=moon: {OPTIONS}light_dark, .*scalar_linear"),
+        (["system=moon"], rf"system=moon: {OPTIONS}beacons, light_dark, .*scalar_linear, .*"),
         (["sweep=thetta"], rf"sweep=thetta: {OPTIONS}; did you mean 'theta'\?"),
         (["thetta=1"], r"unknown key 'thetta'; did you mean 'theta'\?"),
         (["foo=1"], r"unknown key 'foo'; see mppi-belief run --help"),

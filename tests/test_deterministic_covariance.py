@@ -61,8 +61,8 @@ def test_the_diffusion_of_the_measurement_noise_alone_is_seen(monkeypatch, quick
         mean, root, K, _ = filter_step(problem, mean, root, u)
         return mean, root, K, K @ (covariance.R_O / problem.dt) @ K.T / problem.dt
 
-    filter_step = belief._filter_schedule_step
-    monkeypatch.setattr(belief, "_filter_schedule_step", wrong)
+    filter_step = belief.filter_step
+    monkeypatch.setattr(belief, "filter_step", wrong)
     assert [check.holds for check in covariance.transient(gain_schedule)] == [False, True]
 
 
