@@ -5,7 +5,7 @@ ARGS ?=
 TEST_WORKERS ?= 2
 
 .DEFAULT_GOAL := help
-.PHONY: help install run report beyond verify calibration test test-faults test-scenarios test-solver test-cluster check lint types layers format bench bench-docs bench-compare bench-scale bench-cluster picture clean
+.PHONY: help install run report beyond verify calibration test test-faults test-long test-scenarios test-solver test-cluster check lint types layers format bench bench-docs bench-compare bench-scale bench-cluster picture clean
 
 help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -51,6 +51,9 @@ test: install  ## the test suite
 
 test-faults: install  ## everything a run must survive, a quarter of an hour: docs/reliability.md
 	OMP_NUM_THREADS=1 NPROC=1 $(BIN)/python -m pytest -n $(TEST_WORKERS) --dist loadfile -m "long or not long" tests/faults $(ARGS)
+
+test-long: install  ## certificates and reports of what goes beyond the paper, two minutes
+	OMP_NUM_THREADS=1 NPROC=1 $(BIN)/python -m pytest -n $(TEST_WORKERS) --dist loadfile -m long --ignore=tests/faults tests $(ARGS)
 
 test-scenarios: install  ## ten thousand random scenarios of every controller in both precisions, half an hour
 	OMP_NUM_THREADS=1 NPROC=1 $(BIN)/python tests/random_scenarios.py $(ARGS)

@@ -27,7 +27,7 @@ def room_for_programs() -> Iterator[None]:
     """Every compiled program maps some pages, and a process may have 65 530 maps: LLVM aborts when it gets none."""
     yield
     maps = Path("/proc/self/maps")
-    if next(ENDED) % 20 == 0 and maps.exists() and maps.read_bytes().count(b"\n") > 20_000:
+    if next(ENDED) % 20 == 0 and maps.exists() and maps.read_bytes().count(b"\n") > 45_000:
         jax.clear_caches()
         gc.collect()
 

@@ -16,6 +16,8 @@ from mppi_belief.study.plan import Cell
 from report_helpers import held, setting, spread_out
 from study_helpers import row
 
+pytestmark = pytest.mark.long
+
 N, STEPS, NX, NY = 40, 60, 4, 2
 
 

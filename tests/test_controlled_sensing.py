@@ -8,6 +8,8 @@ from mppi_belief.certificate import quantile
 from mppi_belief.verify import controlled_sensing as cs
 from mppi_belief.verify import steered_loops as sl
 
+pytestmark = pytest.mark.long
+
 
 @pytest.fixture(scope="module")
 def four() -> cs.Along:

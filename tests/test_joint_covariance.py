@@ -12,6 +12,8 @@ from helpers import float64
 from mppi_belief.certificate import Certificate
 from mppi_belief.verify import joint_covariance as joint
 
+pytestmark = pytest.mark.long
+
 KEY = jax.random.key(3)
 
 

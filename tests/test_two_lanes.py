@@ -2,6 +2,7 @@
 
 import numpy as np
 import pandas as pd
+import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
@@ -11,6 +12,8 @@ from mppi_belief.report.sections import sections
 from mppi_belief.report.statistics import proportion_interval
 from mppi_belief.report.two_lanes import arrivals, panels
 from report_helpers import SCENE, held, lost, setting, trials
+
+pytestmark = pytest.mark.long
 
 STARTS = [[0.5, 1.6], [0.5, -1.6]]
 
