@@ -52,7 +52,7 @@ test: install  ## the test suite
 test-faults: install  ## everything a run must survive, a quarter of an hour: docs/reliability.md
 	OMP_NUM_THREADS=1 NPROC=1 $(BIN)/python -m pytest -n $(TEST_WORKERS) --dist loadfile -m "long or not long" tests/faults $(ARGS)
 
-test-long: install  ## certificates and reports of what goes beyond the paper, two minutes
+test-long: install  ## certificates and reports of what goes beyond the paper, a minute or two
 	OMP_NUM_THREADS=1 NPROC=1 $(BIN)/python -m pytest -n $(TEST_WORKERS) --dist loadfile -m long --ignore=tests/faults tests $(ARGS)
 
 test-scenarios: install  ## ten thousand random scenarios of every controller in both precisions, half an hour
