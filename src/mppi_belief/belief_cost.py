@@ -8,12 +8,11 @@ and of a mixture sum_i w_i N(mu_i, Sigma_i), with E_i and Var_i those of its com
 E[q] = sum_i w_i E_i,    Var[q] = sum_i w_i (Var_i + (E_i - E[q])^2)
 """
 
-from collections.abc import Sequence
-
 import jax.numpy as jnp
 from jax import Array
 
 from . import quadrature
+from .linalg import dot
 from .problem import ClosedFormCost, Cost, CostMoments
 
 
@@ -67,22 +66,17 @@ def mixture_moments(cost: Cost, weights: Array, means: Array, covs: Array) -> Co
     """Moments of the running cost under sum_i w_i N(mu_i, Sigma_i); weights (m,), means (m, nx), covs (m, nx, nx).
 
     Those within the components and those between them: deviations from the whole's expectation are taken before
-    they are multiplied, so nothing cancels.
+    they are multiplied, so nothing cancels. By components: an axis for them takes twice as long.
     """
     each = [running_moments(cost, mean, cov) for mean, cov in zip(means, covs, strict=True)]
-    base, penalty = _average(weights, [m.base for m in each]), _average(weights, [m.penalty for m in each])
+    base, penalty = dot(weights, [m.base for m in each]), dot(weights, [m.penalty for m in each])
     return CostMoments(
         base,
         penalty,
-        _average(weights, [m.base_var + (m.base - base) ** 2 for m in each]),
-        _average(weights, [m.penalty_var + (m.penalty - penalty) ** 2 for m in each]),
-        _average(weights, [m.covariance + (m.base - base) * (m.penalty - penalty) for m in each]),
+        dot(weights, [m.base_var + (m.base - base) ** 2 for m in each]),
+        dot(weights, [m.penalty_var + (m.penalty - penalty) ** 2 for m in each]),
+        dot(weights, [m.covariance + (m.base - base) * (m.penalty - penalty) for m in each]),
     )
-
-
-def _average(weights: Array, values: Sequence[Array]) -> Array:
-    """sum_i w_i v_i (), component by component: as one array with an axis for them it takes twice as long."""
-    return sum((weights[i] * values[i] for i in range(1, len(values))), weights[0] * values[0])
 
 
 def mixture_risk_sensitive(
@@ -98,7 +92,7 @@ def mixture_risk_sensitive(
     m = mixture_moments(cost, weights, means, covs)
     return _charged(
         m,
-        m.penalty if expectation == "exact" else _average(weights, [cost.penalty(mean) for mean in means]),
+        m.penalty if expectation == "exact" else dot(weights, [cost.penalty(mean) for mean in means]),
         theta,
         risk,
     )
@@ -118,4 +112,4 @@ def expected_terminal(cost: Cost, mean: Array, cov: Array) -> Array:
 
 def mixture_terminal(cost: Cost, weights: Array, means: Array, covs: Array) -> Array:
     """The same of a mixture."""
-    return _average(weights, [expected_terminal(cost, mean, cov) for mean, cov in zip(means, covs, strict=True)])
+    return dot(weights, [expected_terminal(cost, mean, cov) for mean, cov in zip(means, covs, strict=True)])

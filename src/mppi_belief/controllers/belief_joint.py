@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from .. import path_integral as pi
-from ..belief import GainSchedule, filter_step, gain_schedule
+from ..belief import filter_step, gain_schedule
 from ..belief_cost import expected_terminal, risk_sensitive
 from ..componentwise import componentwise
 from ..gaussians import RootBelief, covariance, rooted
@@ -55,13 +55,9 @@ class JointBelief:
         change, w, means = pi.weighted_in_blocks(paths, key, self.n_samples, self.temperature)
         improved = plan + change
         nominal_cost = self.state_costs(problem, start, plan[:, :, None])[0][0]
-        planned = self.planned(problem, start, plan).cov
+        planned = gain_schedule(problem, start, plan).cov
         info = pi.PlanInfo(pi.effective_sample_size(w), nominal_cost, planned, means, w)
         return improved[0], pi.receded(improved), info
-
-    def planned(self, problem: Problem, start: RootBelief, plan: Array) -> GainSchedule:
-        """What is expected along the nominal (H, nu) itself."""
-        return gain_schedule(problem, start, plan)
 
     def state_costs(self, problem: Problem, start: RootBelief, controls: Array) -> tuple[Array, Array]:
         """State costs (N,) and means (H, nx, N) of the paths that controls (H, nu, N) lead along."""

@@ -18,6 +18,7 @@ from numpy.polynomial.hermite_e import hermegauss
 from scipy.interpolate import RectBivariateSpline
 
 from .. import path_integral as pi
+from ..belief import gain_schedule
 from ..belief_cost import expected_terminal, risk_sensitive
 from ..certificate import Certificate, Check, Line, Panel, at_least, order, quantile, within_errors
 from ..controllers import JointBelief
@@ -217,7 +218,7 @@ def _paths(problem: Problem, mean: Array, root: Array, key: Array) -> tuple[Arra
     normals = pi.normals(key, (problem.steps, 1, PATHS), False)
     increments = pi.matched_increments(problem, normals, TEMPERATURE, None)
     costs, means = controller.state_costs(problem, RootBelief(mean, root), increments)
-    covs = controller.planned(problem, RootBelief(mean, root), jnp.zeros((problem.steps, 1))).cov
+    covs = gain_schedule(problem, RootBelief(mean, root), jnp.zeros((problem.steps, 1))).cov
     shared = pi.path_costs(
         problem, mean, means, covs, "end",
         lambda mu, cov: risk_sensitive(problem.cost, mu, cov, THETA),
