@@ -63,6 +63,10 @@ METHODS: dict[str, tuple[Callable[[], Any], Callable[[Numbers], Any]]] = {
         lambda: mb.ParticleFilter(PARTICLES),
         lambda n: mb.MPPIBelief(**SAMPLED, **_of(n, "temperature", "control_std", "theta"), expectation="at_mean"),
     ),
+    "belief, laplace": (
+        EKF,
+        lambda n: mb.MPPIBelief(**SAMPLED, **_of(n, "temperature", "control_std", "theta"), proposal="laplace"),
+    ),
     "ce": (EKF, lambda n: mb.MPPIBelief(**SAMPLED, **_of(n, "temperature", "control_std"), evaluate="mean")),
     "algorithm_1": (
         EKF,

@@ -67,10 +67,17 @@ def charge_weights(horizon: int, charge: str) -> Array:
 
 def state_cost(problem: Problem, rate: Callable[[Array], Array], horizon: int, charge: str) -> StateCost:
     """(x, k) -> w_k q(x) dt, plus phi(x) at k = H, for a running cost `rate`."""
+    return staged(problem.dt, lambda x, k: rate(x), problem.cost.terminal, horizon, charge)
+
+
+def staged(
+    dt: Array | float, rate: StateCost, terminal: Callable[[Array], Array], horizon: int, charge: str
+) -> StateCost:
+    """(x, k) -> w_k rate(x, k) dt, plus terminal(x) at k = H."""
     weights = charge_weights(horizon, charge)
 
     def cost(x: Array, k: Array) -> Array:
-        return weights[k] * rate(x) * problem.dt + jnp.where(k == horizon, problem.cost.terminal(x), 0.0)
+        return weights[k] * rate(x, k) * dt + jnp.where(k == horizon, terminal(x), 0.0)
 
     return cost
 
@@ -97,33 +104,60 @@ def total_cost(problem: Problem, cost: StateCost, policy: Policy) -> Array:
     return jnp.sum(states) + jnp.sum(controls) * problem.dt
 
 
-def backward(
-    problem: Problem, cost: StateCost, policy: Policy, damping: Array | float = 0.0
-) -> tuple[Array, Array, Array]:
-    """Feedforward moves (H, nu), gains (H, nu, nx) and predicted change of cost (2,) for step s: s a + s^2 b."""
-    R, dt, horizon = problem.cost.R, problem.dt, len(policy.controls)
-    move = jax.jacfwd(lambda x, u: euler_step(problem.system, x, u, dt), argnums=(0, 1))
-    A, B = jax.vmap(move)(policy.states[:-1], policy.controls)
-    steps = jnp.arange(horizon + 1)
-    slopes = jax.vmap(jax.grad(cost))(policy.states, steps)
-    bends = jax.vmap(_convex)(jax.vmap(jax.hessian(cost))(policy.states, steps))
+class Expansion(NamedTuple):
+    """Dynamics to first and costs to second order about T steps: Jacobians A (T, nx, nx) and B (T, nx, nu), of the
+    state costs the slopes (T+1, nx) and, projected to PSD, the Hessians (T+1, nx, nx)."""
 
-    def retreat(value: tuple[Array, Array], at: tuple) -> tuple[tuple[Array, Array], tuple]:
-        (v, V), (A, B, q, Q, u) = value, at
-        Qu, Qx = R @ u * dt + B.T @ v, q + A.T @ v
+    A: Array
+    B: Array
+    slopes: Array
+    bends: Array
+
+
+class Improvement(NamedTuple):
+    """Of an LQ problem: feedforward moves (T, nu), gains (T, nu, nx), inverses of Quu (T, nu, nu) and the predicted
+    change of cost (2,) for step s: s a + s^2 b."""
+
+    feed: Array
+    gains: Array
+    inverses: Array
+    change: Array
+
+
+def backward(problem: Problem, cost: StateCost, policy: Policy, damping: Array | float = 0.0) -> Improvement:
+    """The LQ problem about a policy, solved."""
+    R, dt = problem.cost.R, problem.dt
+    slopes = jax.vmap(lambda u: R @ u * dt)(policy.controls)
+    return sweep(expand(problem, cost, policy.states, policy.controls), slopes, R * dt, damping)
+
+
+def expand(problem: Problem, cost: StateCost, states: Array, controls: Array) -> Expansion:
+    """About states (T+1, nx) and controls (T, nu)."""
+    move = jax.jacfwd(lambda x, u: euler_step(problem.system, x, u, problem.dt), argnums=(0, 1))
+    A, B = jax.vmap(move)(states[:-1], controls)
+    steps = jnp.arange(len(states))
+    bends = jax.vmap(_convex)(jax.vmap(jax.hessian(cost))(states, steps))
+    return Expansion(A, B, jax.vmap(jax.grad(cost))(states, steps), bends)
+
+
+def sweep(lq: Expansion, slopes: Array, weight: Array, damping: Array | float = 0.0) -> Improvement:
+    """The least of the expanded state costs and slopes_k' du_k + 1/2 du_k' weight du_k, backwards in time;
+    slopes (T, nu), weight (nu, nu), `damping` is added to Quu where it is inverted."""
+
+    def retreat(value: tuple[Array, Array], at: tuple) -> tuple[tuple[Array, Array], Improvement]:
+        (v, V), (A, B, q, Q, slope) = value, at
+        Qu, Qx = slope + B.T @ v, q + A.T @ v
         VB = V @ B
-        Quu, Qux = symmetrise(R * dt + B.T @ VB), VB.T @ A
-        inverse = spd_inverse(Quu + damping * jnp.eye(len(u)))
+        Quu, Qux = symmetrise(weight + B.T @ VB), VB.T @ A
+        inverse = spd_inverse(Quu + damping * jnp.eye(len(slope)))
         feed, gain = -inverse @ Qu, -inverse @ Qux
         v = Qx + gain.T @ (Quu @ feed + Qu) + Qux.T @ feed
         V = symmetrise(Q + A.T @ V @ A + gain.T @ (Quu @ gain + Qux) + Qux.T @ gain)
-        return (v, V), (feed, gain, jnp.array([feed @ Qu, 0.5 * feed @ Quu @ feed]))
+        return (v, V), Improvement(feed, gain, inverse, jnp.array([feed @ Qu, 0.5 * feed @ Quu @ feed]))
 
-    end = (slopes[-1], bends[-1])
-    _, (feed, gains, change) = jax.lax.scan(
-        retreat, end, (A, B, slopes[:-1], bends[:-1], policy.controls), reverse=True
-    )
-    return feed, gains, jnp.sum(change, axis=0)
+    end = (lq.slopes[-1], lq.bends[-1])
+    _, found = jax.lax.scan(retreat, end, (lq.A, lq.B, lq.slopes[:-1], lq.bends[:-1], slopes), reverse=True)
+    return found._replace(change=jnp.sum(found.change, axis=0))
 
 
 def _convex(hessian: Array) -> Array:
@@ -143,7 +177,7 @@ def solve(problem: Problem, cost: StateCost, guess: Policy, start: Array, settin
 
     def iterate(state: State) -> State:
         policy, best, damping, count, _ = state
-        feed, gains, change = backward(problem, cost, policy, damping)
+        feed, gains, _, change = backward(problem, cost, policy, damping)
         closed, steps = policy._replace(gains=gains), 0.5 ** jnp.arange(HALVINGS, dtype=best.dtype)
         trials = jax.vmap(lambda s: follow(problem, closed, policy.states[0], s, feed))(steps)
         costs = jax.vmap(lambda trial: total_cost(problem, cost, trial))(trials)

@@ -29,8 +29,8 @@ class LQG:
         """Expand about the uncontrolled mean and solve once; exact if that expansion is."""
         nominal = ilqr.still(problem, self.horizon or problem.steps)
         cost = ilqr.state_cost(problem, problem.cost.base, len(nominal.controls), self.charge)
-        feed, gains, _ = ilqr.backward(problem, cost, nominal)
-        return ilqr.Policy(nominal.states, nominal.controls + feed, gains)
+        found = ilqr.backward(problem, cost, nominal)
+        return ilqr.Policy(nominal.states, nominal.controls + found.feed, found.gains)
 
     def act(
         self, problem: Problem, belief: Belief, plan: ilqr.Policy, key: Array

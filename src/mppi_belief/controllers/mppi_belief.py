@@ -7,10 +7,13 @@ over controls, Sigma_k being the schedule of Assumption 1 along the nominal traj
 those of the mixture, its weights held at their present values over the horizon.
 """
 
+from collections.abc import Callable
+
 import jax
 import jax.numpy as jnp
 from jax import Array
 
+from .. import ilqr, proposals
 from .. import path_integral as pi
 from ..belief import GainSchedule, diffusion_factors, gain_schedule
 from ..belief_cost import (
@@ -23,6 +26,9 @@ from ..belief_cost import (
 from ..gaussians import MixtureBelief, RootBelief, mixture_cov
 from ..problem import Belief, Problem
 from ..pytree import choice, number, size, struct
+
+Rate = Callable[[Array, Array], Array]
+Sampler = Callable[[Array, int], tuple[Array, Array, Array]]  # key, N -> increments, means, what (19) adds to costs
 
 
 @struct
@@ -44,6 +50,8 @@ class MPPIBelief:
     schedule      how the covariance is planned, see `mppi_belief.belief.gain_schedule`
     plan_from     of a mixture: all its "components", or one Gaussian of its "moments"; with `evaluate: mean` or the
                   innovation diffusion always the moments
+    proposal      where paths are sampled: about the "nominal", or by the "laplace" policy of `mppi_belief.proposals`,
+                  which has the same limit of many samples and needs far fewer
     """
 
     n_samples: int = size(500)
@@ -61,6 +69,7 @@ class MPPIBelief:
     schedule: str = choice("filter", "riccati")
     sees_state: bool = choice(False, True)
     plan_from: str = choice("components", "moments")
+    proposal: str = choice("nominal", "laplace")
 
     def init(self, problem: Problem) -> Array:
         """The zero nominal (H, nu)."""
@@ -68,15 +77,17 @@ class MPPIBelief:
 
     def act(self, problem: Problem, belief: Belief, plan: Array, key: Array) -> tuple[Array, Array, pi.PlanInfo]:
         """The control (nu,), the nominal shifted by one step (H, nu), diagnostics."""
+        if self.proposal == "laplace" and self.diffusion == "innovation":
+            raise ValueError("proposal=laplace moves the control: it needs diffusion=matched")
         if isinstance(belief, MixtureBelief) and self._sees_components():
+            if self.proposal == "laplace":
+                raise ValueError("proposal=laplace plans from one Gaussian: it needs plan_from=moments")
             return self._act_on_mixture(problem, belief, plan, key)
         mean, schedule = belief.mean, gain_schedule(problem, belief, plan, self.schedule)
-        weight = pi.girsanov_weight(problem, self.temperature, self.control_std, self.alpha)
+        draw = (self._nominal if self.proposal == "nominal" else self._laplace)(problem, mean, schedule, plan)
 
         def paths(key: Array, n: int) -> tuple[Array, Array, Array]:
-            increments, disturbance = self._sample(problem, schedule, key, n)
-            means = self._rollouts(problem, mean, plan, increments, disturbance)
-            correction = pi.girsanov(plan, increments, weight)
+            increments, means, correction = draw(key, n)
             return increments, self._costs(problem, mean, means, schedule.cov) + correction, means
 
         change, w, means = pi.weighted_in_blocks(paths, key, self.n_samples, self.temperature)
@@ -84,6 +95,38 @@ class MPPIBelief:
         nominal_cost = self._costs(problem, mean, schedule.mean[1:, :, None], schedule.cov)[0]
         info = pi.PlanInfo(pi.effective_sample_size(w), nominal_cost, schedule.cov, means, w)
         return improved[0], self._carry(improved), info
+
+    def _nominal(self, problem: Problem, mean: Array, schedule: GainSchedule, plan: Array) -> Sampler:
+        """Samples about the nominal."""
+        weight = pi.girsanov_weight(problem, self.temperature, self.control_std, self.alpha)
+
+        def draw(key: Array, n: int) -> tuple[Array, Array, Array]:
+            increments, disturbance = self._sample(problem, schedule, key, n)
+            means = self._rollouts(problem, mean, plan, increments, disturbance)
+            return increments, means, pi.girsanov(plan, increments, weight)
+
+        return draw
+
+    def _laplace(self, problem: Problem, mean: Array, schedule: GainSchedule, plan: Array) -> Sampler:
+        """Samples from the optimal policy of the expansion about the nominal."""
+        aim = proposals.reference(problem, plan, self.temperature, self.control_std, self.alpha)
+        running, terminal = self._rates(problem)
+        cost = ilqr.staged(
+            problem.dt,
+            lambda mu, k: running(mu, schedule.cov[k]),
+            lambda mu: terminal(mu, schedule.cov[-1]),
+            self.horizon,
+            self.charge,
+        )
+        policy = proposals.laplace(problem, cost, schedule.mean, plan, aim, self.temperature)
+
+        def draw(key: Array, n: int) -> tuple[Array, Array, Array]:
+            eps = self._normals(key, plan.shape[1], n)
+            controls, means = proposals.rollouts(problem, mean, policy, eps)
+            correction = proposals.correction(aim, self.temperature, controls, eps)
+            return controls - plan[:, :, None], means, correction
+
+        return draw
 
     def _sees_components(self) -> bool:
         """Whether a mixture is more to it than its mean and covariance."""
@@ -152,6 +195,10 @@ class MPPIBelief:
         return pi.normals(key, (self.horizon, dim, n), self.antithetic)
 
     def _costs(self, problem: Problem, mean: Array, means: Array, covs: Array) -> Array:
+        return pi.path_costs(problem, mean, means, covs, self.charge, *self._rates(problem))
+
+    def _rates(self, problem: Problem) -> tuple[Rate, Rate]:
+        """Running and terminal cost of a mean (nx,) and covariance (nx, nx)."""
         cost = problem.cost
 
         def running(mu: Array, cov: Array) -> Array:
@@ -162,7 +209,7 @@ class MPPIBelief:
         def terminal(mu: Array, cov: Array) -> Array:
             return cost.terminal(mu) if self.evaluate == "mean" else expected_terminal(cost, mu, cov)
 
-        return pi.path_costs(problem, mean, means, covs, self.charge, running, terminal)
+        return running, terminal
 
     def _carry(self, improved: Array) -> Array:
         """The warm start; Algorithm 1 as printed starts each step from zero."""

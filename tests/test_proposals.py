@@ -1,0 +1,145 @@
+"""Importance proposals: the same average of paths, from fewer of them."""
+
+from dataclasses import replace
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jax import Array
+
+import mppi_belief as mb
+from helpers import light_dark_problem, quick_jit
+from linear_system import lqr, random_problem
+from mppi_belief import path_integral as pi
+from mppi_belief import proposals
+from mppi_belief.gaussians import prior, prior_mixture
+from mppi_belief.ilqr import charge_weights
+from mppi_belief.noise import standard_normal
+
+STD, TEMPERATURE, HORIZON, N = 1.5, 2.0, 6, 4000
+SETTINGS = {"temperature": TEMPERATURE, "control_std": STD}
+PLANNER = mb.MPPIBelief(n_samples=N, horizon=HORIZON, theta=0.7, **SETTINGS)
+
+
+@quick_jit
+def act_on(problem: mb.Problem, controller: mb.MPPIBelief, plan: Array, keys: Array) -> tuple[Array, Array]:
+    """First controls (K, nu) and effective sample sizes (K,) for K keys."""
+
+    def one(key: Array) -> tuple[Array, Array]:
+        u, _, info = controller.act(problem, prior(problem), plan, key)
+        return u, info.ess
+
+    return jax.lax.map(one, keys)
+
+
+@quick_jit
+def sampled(
+    problem: mb.Problem, policy: proposals.Proposal, aim: proposals.Reference, key: Array
+) -> tuple[Array, Array, Array]:
+    """Normals and controls (H, nu, N) of a policy, and what its path costs are corrected by (N,)."""
+    eps = standard_normal(key, (HORIZON, 2, N))
+    controls, _ = proposals.rollouts(problem, jnp.asarray(problem.prior_mean), policy, eps)
+    return eps, controls, proposals.correction(aim, TEMPERATURE, controls, eps)
+
+
+def near_an_obstacle() -> mb.Problem:
+    return light_dark_problem(prior_mean=[2.2, 0.9, 1.0, -1.0], prior_std=[0.3, 0.3, 0.1, 0.1], cost={"w_obs": 30})
+
+
+@pytest.fixture
+def plan(rng) -> np.ndarray:
+    return rng.normal(size=(HORIZON, 2))
+
+
+@pytest.mark.parametrize("control_std", [None, STD])
+def test_of_a_linear_problem_with_quadratic_costs_all_paths_weigh_the_same(control_std, x64, rng, plan):
+    problem = random_problem(rng, steps=HORIZON)
+    planner = mb.MPPIBelief(64, HORIZON, TEMPERATURE, control_std, proposal="laplace")
+    keys = jax.random.split(jax.random.key(0), 1)
+    np.testing.assert_allclose(act_on(problem, planner, plan, keys)[1], 64, rtol=1e-9)
+    assert act_on(problem, replace(planner, proposal="nominal"), plan, keys)[1] < 0.8 * 64
+
+
+def test_of_a_linear_problem_the_matched_policy_is_that_of_lqr(x64, rng, plan):
+    problem = random_problem(rng, steps=HORIZON)
+    planner = mb.MPPIBelief(2, HORIZON, TEMPERATURE, antithetic=True, proposal="laplace")
+    (u,), _ = act_on(problem, planner, plan, jax.random.split(jax.random.key(0), 1))
+    best = lqr(problem, np.asarray(problem.prior_mean), np.asarray(charge_weights(HORIZON, "end")))
+    np.testing.assert_allclose(u, best[0], rtol=1e-8)  # a mirrored pair: the mean of the policy itself
+
+
+@pytest.mark.parametrize("evaluate", ["belief", "mean"])
+@pytest.mark.parametrize("alpha", [None, 0.3])
+def test_the_limit_of_many_samples_is_that_about_the_nominal_and_is_reached_with_fewer(evaluate, alpha, x64, plan):
+    problem, keys = near_an_obstacle(), jax.random.split(jax.random.key(1), 60)
+    planner = replace(PLANNER, evaluate=evaluate, alpha=alpha)
+    plain, guided = (act_on(problem, replace(planner, proposal=p), plan, keys) for p in ("nominal", "laplace"))
+    errors = [u.std(axis=0) / np.sqrt(len(keys)) for u, _ in (plain, guided)]
+    gap = np.abs(plain[0].mean(axis=0) - guided[0].mean(axis=0))
+    assert np.all(gap < 4 * np.hypot(*errors)), (gap, errors)
+    assert np.all(errors[1] < 0.7 * errors[0])
+    assert guided[1].mean() > 3 * plain[1].mean()
+
+
+@pytest.mark.parametrize(("std", "alpha"), [(None, None), (STD, None), (STD, 0.3), (None, 0.3)])
+def test_about_the_nominal_with_its_own_covariance_it_is_the_term_of_the_nominal(std, alpha, x64, plan):
+    problem = near_an_obstacle()
+    aim = proposals.reference(problem, jnp.asarray(plan), TEMPERATURE, std, alpha)
+    factor = np.linalg.cholesky(TEMPERATURE * np.linalg.inv(aim.precision))
+    policy = proposals.Proposal(
+        np.zeros((HORIZON, 4)), plan, np.zeros((HORIZON, 2, 4)), np.broadcast_to(factor, (HORIZON, 2, 2))
+    )
+    eps, controls, correction = sampled(problem, policy, aim, jax.random.key(2))
+    increments = pi.matched_increments(problem, eps, TEMPERATURE, std)
+    np.testing.assert_allclose(controls - plan[:, :, None], increments, atol=1e-12)
+    weight = pi.girsanov_weight(problem, TEMPERATURE, std, alpha)
+    apart = correction - pi.girsanov(jnp.asarray(plan), increments, weight)
+    np.testing.assert_allclose(apart, apart[0], rtol=1e-9, atol=1e-9)
+
+
+def test_the_ratio_of_densities_of_a_policy_with_feedback_has_mean_one(x64, rng, plan):
+    """With everything that the weights leave out; the ratio's mean is one for any policy."""
+    problem = near_an_obstacle()
+    aim = proposals.Reference(0.3 * jnp.asarray(plan), TEMPERATURE / STD**2 * jnp.eye(2))
+    factors = STD * (0.9 * np.eye(2) + 0.05 * np.tril(rng.normal(size=(HORIZON, 2, 2))))
+    policy = proposals.Proposal(
+        rng.normal(size=(HORIZON, 4)), 0.2 * plan, 0.02 * rng.normal(size=(HORIZON, 2, 4)), factors
+    )
+    ratios = []
+    for key in jax.random.split(jax.random.key(3), 10):
+        _, _, correction = sampled(problem, policy, aim, key)
+        sizes = np.linalg.det(factors) / STD**2
+        ratios.append(np.exp(-np.asarray(correction) / TEMPERATURE) * np.prod(sizes))
+    mean, error = np.mean(ratios), np.std(ratios) / np.sqrt(np.size(ratios))
+    assert abs(mean - 1) < 4 * error < 0.1
+
+
+def test_an_expansion_that_is_not_finite_leaves_the_nominal(plan):
+    problem = near_an_obstacle()
+    aim = proposals.reference(problem, jnp.asarray(plan), TEMPERATURE, STD, None)
+
+    def steep(x: Array, k: Array) -> Array:
+        return jnp.sqrt(jnp.sum((x - problem.prior_mean) ** 2))
+
+    means = jnp.broadcast_to(jnp.asarray(problem.prior_mean), (HORIZON + 1, 4))
+    policy = proposals.laplace(problem, steep, means, jnp.asarray(plan), aim, TEMPERATURE)
+    np.testing.assert_allclose(policy.controls, plan, rtol=1e-6)
+    assert not np.any(policy.gains)
+    np.testing.assert_allclose(policy.factors, np.broadcast_to(STD * np.eye(2), (HORIZON, 2, 2)), rtol=1e-6)
+
+
+def test_it_plans_from_one_gaussian_through_the_control_and_says_so():
+    problem = light_dark_problem(prior_modes=np.array([[0, 1, 0, 0], [0, -1, 0, 0]]))
+    planner = replace(PLANNER, proposal="laplace", n_samples=8)
+
+    def plans(planner: mb.MPPIBelief, belief: Any) -> tuple[int, ...]:
+        traced = jax.eval_shape(planner.act, problem, belief, planner.init(problem), jax.random.key(0))
+        return traced[0].shape
+
+    with pytest.raises(ValueError, match=r"proposal=laplace .* diffusion=matched"):
+        plans(replace(planner, diffusion="innovation"), prior(problem))
+    with pytest.raises(ValueError, match=r"proposal=laplace .* plan_from=moments"):
+        plans(planner, prior_mixture(problem))
+    assert plans(replace(planner, plan_from="moments"), prior_mixture(problem)) == (2,)
