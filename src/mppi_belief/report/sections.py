@@ -13,6 +13,7 @@ from .consistency import consistency
 from .files import write_text
 from .information import information
 from .page import Picture, Section
+from .proposals import proposals
 from .quality import quality
 from .sensing import sensing
 from .summary import summary
@@ -160,6 +161,7 @@ BUILDERS: dict[str, Callable[[list[Found], Path], Section]] = {
 }  # of the paper: what a report is of unless it is asked for others
 BEYOND: dict[str, Callable[[list[Found], Path], Section]] = {
     "information": information,
+    "proposals": proposals,
     "controlled_sensing": sensing,
     "nonlinearity": consistency,
     "two_lanes": two_lanes,

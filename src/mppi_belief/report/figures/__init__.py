@@ -5,6 +5,7 @@ from .consistency import consistency_figure
 from .diagnostics import ess_figure, residual_figure
 from .one_trial import one_trial
 from .plane import kept_in_plane
+from .proposals import proposals_figure
 from .quality import quality_figure
 from .sensing import sensing_figure
 from .style import BLUE, GREEN, INK, ORANGE, look, save, save_both
@@ -29,6 +30,7 @@ __all__ = [
     "kept_in_plane",
     "look",
     "one_trial",
+    "proposals_figure",
     "quality_figure",
     "residual_figure",
     "save",
