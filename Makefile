@@ -5,7 +5,7 @@ ARGS ?=
 TEST_WORKERS ?= 2
 
 .DEFAULT_GOAL := help
-.PHONY: help install run report beyond verify calibration test test-faults test-long test-scenarios test-solver test-cluster check lint types layers format bench bench-docs bench-compare bench-scale bench-cluster picture clean
+.PHONY: help install run report beyond verify calibration test test-faults test-long test-scenarios test-solver test-cluster check lint types layers format bench bench-docs bench-compare bench-beyond bench-scale bench-cluster picture clean
 
 help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -30,7 +30,7 @@ report: install  ## run what is missing of the paper's studies, then tables, fig
 	@echo "== certificates"; $(BIN)/mppi-belief verify $(filter seed=% workers=% verify_dir=%,$(ARGS)) || [ $$? -eq 1 ]  # 1: one fails
 	$(BIN)/mppi-belief report $(ARGS)
 
-BEYOND := information two_lanes nonlinearity controlled_sensing
+BEYOND := information proposals two_lanes nonlinearity controlled_sensing
 comma := ,
 space := $(subst ,, )
 
@@ -97,6 +97,9 @@ COMMIT ?= HEAD
 
 bench-compare: install  ## one control step of the working tree against COMMIT=..., interleaved: ratios
 	$(BIN)/python benchmarks/compare.py $(COMMIT) $(ARGS)
+
+bench-beyond: install  ## what goes beyond the paper takes of time beside what it stands in for: two minutes, into outputs/bench/
+	$(BIN)/python benchmarks/beyond.py $(ARGS)
 
 bench-scale: install  ## whole studies on 1 and 2 cores, many samples, long runs, wide sweeps, start-up: twelve minutes, into outputs/bench/
 	$(BIN)/python benchmarks/scale.py $(ARGS)

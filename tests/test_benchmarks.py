@@ -16,6 +16,7 @@ ROOT = Path(__file__).resolve().parents[1]
 FOLDER = ROOT / "benchmarks"
 sys.path.insert(0, str(FOLDER))
 
+import beyond  # noqa: E402
 import compare  # noqa: E402
 import contestants  # noqa: E402
 import control_step  # noqa: E402
@@ -266,3 +267,34 @@ def test_peers_run_with_one_thread_and_this_process_is_left_alone():
     assert threads["OMP_NUM_THREADS"] == "1" or before.get("OMP_NUM_THREADS") == threads["OMP_NUM_THREADS"]
     assert "xla_cpu_multi_thread_eigen" in threads["XLA_FLAGS"]
     assert dict(os.environ) == before
+
+
+def test_what_goes_beyond_the_paper_stands_beside_what_it_replaces():
+    names = [row.name for row in beyond.ROWS]
+    assert len(set(names)) == len(names)
+    assert {row.beside for row in beyond.ROWS} <= set(names)
+    origin = {
+        "started": "now",
+        "commit": "",
+        "dirty": True,
+        "processor": "p",
+        "platform": "q",
+        "load": [1.0],
+        "rounds": 3,
+    }
+    text = beyond.markdown({**origin, "milliseconds": {name: 0.5 + (name == "UKF, beacons") for name in names}})
+    assert "| EKF, beacons | update | 0.500 |  |" in text
+    assert "| UKF, beacons | update | 1.500 | 3.00 EKF, beacons |" in text
+    assert "now, commit unknown (changed); p, q; load average before 1.00; 3 rounds of 60 calls" in text
+
+
+def test_a_row_calls_what_it_names_at_every_step_of_a_trial(monkeypatch):
+    monkeypatch.setattr(beyond, "STEPS", 3)
+    small = ("system=scalar_linear", "controller=lqg", "theta=0")
+    with restored():
+        for what in ("step", "update"):
+            call = beyond.subject(beyond.Row("small", what, small, "small"))
+            for k in range(3):
+                call(k)
+            with pytest.raises(IndexError):
+                call(3)

@@ -1,0 +1,151 @@
+"""What goes beyond the paper takes of time: a control step or a filter's update beside what it stands in for.
+
+    python benchmarks/beyond.py [--rounds N] [--docs]
+
+All are compiled first, on one CPU with one thread; then they take turns, a trial of 60 steps a round. Ratios are of the
+medians of one run. Writes outputs/bench/beyond.json and .md; `--docs` writes docs/benchmarks.md too.
+"""
+
+import argparse
+import json
+import os
+import sys
+import time
+from collections.abc import Callable
+from statistics import median
+from typing import Any, NamedTuple
+
+from mppi_belief.study import environment
+
+environment.prepare()
+
+import jax  # noqa: E402  the environment must be set before JAX starts
+
+from document import write_between  # noqa: E402
+from environments import ROOT  # noqa: E402
+from mppi_belief.composing import collect  # noqa: E402
+from mppi_belief.experiment import build  # noqa: E402
+from mppi_belief.simulate import BEFORE, FILTER, PLANNER, PLANT, draw_state, respond, role_key, seen  # noqa: E402
+from mppi_belief.study.provenance import provenance  # noqa: E402
+from rounds import one_cpu, say  # noqa: E402
+
+STEPS = 60
+BELIEF = "controller=belief"
+GUIDED = "controller.proposal=laplace"
+
+
+class Row(NamedTuple):
+    """What is timed, "step" or "update" of a configuration, and the row it stands in for (itself: none)."""
+
+    name: str
+    what: str
+    overrides: tuple[str, ...]
+    beside: str
+
+
+ROWS = (
+    Row("MPPI-Belief", "step", (BELIEF,), "MPPI-Belief"),
+    Row("a covariance a path", "step", ("controller=belief_joint",), "MPPI-Belief"),
+    Row("Laplace proposal", "step", (BELIEF, GUIDED), "MPPI-Belief"),
+    Row("Laplace proposal, N = 50", "step", (BELIEF, GUIDED, "planner.n_samples=50"), "MPPI-Belief"),
+    Row("two lanes, one Gaussian", "step", ("system=two_lanes", BELIEF), "two lanes, one Gaussian"),
+    Row("two lanes, mixture", "step", ("system=two_lanes", "filter=mixture", BELIEF), "two lanes, one Gaussian"),
+    Row("sensor fixed", "step", ("system=steered", BELIEF, "system.selector=fixed"), "sensor fixed"),
+    Row("sensor chosen", "step", ("system=steered", BELIEF, "system.selector=matched"), "sensor fixed"),
+    Row("beacons", "step", ("system=beacons", BELIEF), "beacons"),
+    Row("pendulum", "step", ("system=pendulum", BELIEF), "pendulum"),
+    Row("EKF, beacons", "update", ("system=beacons",), "EKF, beacons"),
+    Row("UKF, beacons", "update", ("system=beacons", "filter=ukf"), "EKF, beacons"),
+    Row("EKF, two lanes", "update", ("system=two_lanes",), "EKF, two lanes"),
+    Row("mixture, two lanes", "update", ("system=two_lanes", "filter=mixture"), "EKF, two lanes"),
+    Row("EKF, sensor fixed", "update", ("system=steered", "system.selector=fixed"), "EKF, sensor fixed"),
+    Row("EKF, sensor chosen", "update", ("system=steered", "system.selector=matched"), "EKF, sensor fixed"),
+)
+
+
+def main(argv: list[str] | None = None) -> None:
+    """Measure, write, print."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("--rounds", type=int, default=20)
+    parser.add_argument("--docs", action="store_true", help="write docs/benchmarks.md too")
+    options = parser.parse_args(argv)
+    os.sched_setaffinity(0, {one_cpu()})
+    report = {
+        **{key: value for key, value in provenance(sys.argv).items() if key not in ("threads", "algorithm")},
+        "load": os.getloadavg(),
+        "rounds": options.rounds,
+        "milliseconds": {name: 1e3 * median(seconds) for name, seconds in measure(options.rounds).items()},
+    }
+    folder = ROOT / "outputs" / "bench"
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "beyond.json").write_text(json.dumps(report, indent=1))
+    text = markdown(report)
+    (folder / "beyond.md").write_text(text + "\n")
+    if options.docs:
+        write_between("beyond", text)
+    print(text)
+
+
+def measure(rounds: int) -> dict[str, list[float]]:
+    """Seconds of every call of every row, in turns."""
+    calls = {}
+    for row in ROWS:
+        calls[row.name] = subject(row)
+        say(f"{row.name}: compiled")
+    seconds: dict[str, list[float]] = {name: [] for name in calls}
+    for _ in range(rounds):
+        for name, call in calls.items():
+            for step in range(STEPS):
+                started = time.perf_counter()
+                call(step)
+                seconds[name].append(time.perf_counter() - started)
+    return seconds
+
+
+def subject(row: Row) -> Callable[[int], None]:
+    """The call for step k of a trial that has been run, waited for; compiled."""
+    (config,) = collect([*row.overrides, f"problem.steps={STEPS}"])
+    parts = build(config)
+    act = jax.jit(lambda parts, belief, plan, key: parts.controller.act(parts.problem, belief, plan, key)[:2])
+    update = jax.jit(lambda parts, belief, u, y, key: parts.filter.update(parts.problem, belief, u, y, key))
+    answer = jax.jit(
+        lambda parts, x, belief, u, k: respond(parts.problem, parts.filter, x, belief, u, plant, filtering, k)
+    )
+    plant, filtering, planning = (role_key(0, 0, role) for role in (PLANT, FILTER, PLANNER))
+    x = draw_state(parts.problem, jax.random.fold_in(plant, BEFORE))
+    belief = parts.filter.init(parts.problem, jax.random.fold_in(filtering, BEFORE))
+    plan, given = parts.controller.init(parts.problem), []
+    for k in range(STEPS):
+        key, told = jax.random.fold_in(planning, k), seen(parts.controller, belief, x)
+        u, later = act(parts, told, plan, key)
+        x, y, after = answer(parts, x, belief, u, k)
+        given.append((told, plan, key) if row.what == "step" else (belief, u, y, key))
+        plan, belief = later, after
+    function = act if row.what == "step" else update
+
+    def call(k: int) -> None:
+        jax.block_until_ready(function(parts, *given[k]))
+
+    call(0)
+    return call
+
+
+def markdown(report: dict[str, Any]) -> str:
+    """The table, and under it when and where."""
+    took = report["milliseconds"]
+    lines = ["| | what | ms | ratio to |", "|---|---|---|---|"]
+    for row in ROWS:
+        ratio = f"{took[row.name] / took[row.beside]:.2f} {row.beside}" if row.beside != row.name else ""
+        lines.append(f"| {row.name} | {row.what} | {took[row.name]:.3f} | {ratio} |")
+    load = ", ".join(f"{value:.2f}" for value in report["load"])
+    lines += [
+        "",
+        f"{report['started']}, commit {report['commit'] or 'unknown'}{' (changed)' if report['dirty'] else ''}; "
+        f"{report['processor']}, {report['platform']}; load average before {load}; {report['rounds']} rounds of "
+        f"{STEPS} calls, float32, one thread on one CPU.",
+    ]
+    return "\n".join(lines)
+
+
+if __name__ == "__main__":
+    main()
