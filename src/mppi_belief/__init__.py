@@ -31,6 +31,7 @@ _HOME = {
     "LightDark": "systems",
     "Linear": "systems",
     "Pendulum": "systems",
+    "PointRobot": "systems",
     "ScalarLinear": "systems",
     "Steered": "systems",
     "GoalObstacleCost": "costs",
