@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from . import figures, published, reproduction
+from . import figures, published, published_problems, reproduction
 from .blocks import cost, lines, picture, rate, table
 from .cells import Found, by_method
 from .comparison import as_latex, differences, table_1
@@ -165,6 +165,7 @@ BEYOND: dict[str, Callable[[list[Found], Path], Section]] = {
     "controlled_sensing": sensing,
     "nonlinearity": consistency,
     "two_lanes": two_lanes,
+    **published_problems.BUILDERS,
 }
 
 

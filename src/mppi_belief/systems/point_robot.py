@@ -1,10 +1,9 @@
-"""A point robot in the plane whose velocity is controlled and whose position sensor needs light: the light-dark domain
-of Platt et al. (2010), which van den Berg et al. (2012) use as well.
+"""A point robot in the plane whose velocity is controlled and whose position is measured best in the light: the
+light-dark domain of Platt, Tedrake, Kaelbling and Lozano-Perez (RSS 2010).
 
-    p' = u + sigma_w w',  y = p + sigma_o(p_x) v,  q(p_x) = curvature (p_x - light)^2 + floor
+    p' = u + sigma_w w',  y = p + sigma_o(p_x) v,  sigma_o(p_x)^2 = curvature (p_x - light)^2 + floor
 
-With `noise_law: variance` q is the variance of a measurement, sigma_o^2 = q, with `deviation` its standard deviation,
-sigma_o = q. State [p_x, p_y] in m, control a velocity in m/s, measurement in m.
+State [p_x, p_y] in m, control a velocity in m/s, measurement in m.
 """
 
 import jax.numpy as jnp
@@ -16,14 +15,13 @@ from ..pytree import choice, number, struct
 
 @struct
 class PointRobot:
-    """A planar single integrator; curvature and floor in the units of `noise_law`: no unit and m^2, or 1/m and m."""
+    """A planar single integrator; the variance of its measurements is quadratic in the distance to the light."""
 
     obstacles: Obstacles
     process_noise: float = number(ge=0)  # sigma_w, m/s^0.5
     light: float = number()  # m
     noise_curvature: float = number(ge=0)
-    noise_floor: float = number(gt=0)
-    noise_law: str = choice("variance", "deviation")
+    noise_floor: float = number(gt=0)  # m^2
     noise_convention: str = choice("sample", "intensity")
 
     @property
@@ -40,8 +38,7 @@ class PointRobot:
         return x
 
     def sigma_o(self, x: Array) -> Array:
-        q = self.noise_curvature * (x[0] - self.light) ** 2 + self.noise_floor
-        return (jnp.sqrt(q) if self.noise_law == "variance" else q) * jnp.eye(2)
+        return jnp.sqrt(self.noise_curvature * (x[0] - self.light) ** 2 + self.noise_floor) * jnp.eye(2)
 
     def position(self, x: Array) -> Array:
         return x
