@@ -30,7 +30,7 @@ report: install  ## run what is missing of the paper's studies, then tables, fig
 	@echo "== certificates"; $(BIN)/mppi-belief verify $(filter seed=% workers=% verify_dir=%,$(ARGS)) || [ $$? -eq 1 ]  # 1: one fails
 	$(BIN)/mppi-belief report $(ARGS)
 
-BEYOND := information proposals two_lanes nonlinearity controlled_sensing
+BEYOND := information proposals two_lanes nonlinearity controlled_sensing platt_2010 van_den_berg_2012
 comma := ,
 space := $(subst ,, )
 
