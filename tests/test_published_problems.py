@@ -8,7 +8,7 @@ import pytest
 from scipy.optimize import minimize
 
 import mppi_belief as mb
-from cli_helpers import collect
+from cli_helpers import CONF, collect
 from helpers import quick_jit
 from mppi_belief.experiment import Experiment, build
 from mppi_belief.gaussians import RootBelief
@@ -41,6 +41,13 @@ def planner(study: str) -> Experiment:
     return build(config)
 
 
+def planned(parts: Experiment, controls: np.ndarray) -> tuple[jax.Array, jax.Array]:
+    """State costs (N,) and means (T, 2, N) of controls (T, 2, N) from the prior."""
+    problem = parts.problem
+    start = RootBelief(jnp.asarray(problem.prior_mean), jnp.diag(jnp.asarray(problem.prior_std)))
+    return parts.controller.state_costs(problem, start, jnp.asarray(controls))
+
+
 @pytest.mark.parametrize("study", PUBLISHED)
 def test_the_domain_is_the_published_one(study, x64, rng):
     problem = planner(study).problem
@@ -59,10 +66,8 @@ def test_the_domain_is_the_published_one(study, x64, rng):
 def test_a_planned_path_costs_what_was_published(study, x64, rng):
     """Up to the covariance on the way, which an expected cost of the state charges and Platt et al. do not."""
     parts, controls = planner(study), rng.normal(0, 0.5, size=(6, 2))
-    u, prior = jnp.asarray(controls), jnp.asarray(parts.problem.prior_std)
-    start = RootBelief(jnp.asarray(parts.problem.prior_mean), jnp.diag(prior))
-    found, means = parts.controller.state_costs(parts.problem, start, u[:, :, None])
-    J, expected = published(study, u, on_state=1.0)
+    found, means = planned(parts, controls[:, :, None])
+    J, expected = published(study, jnp.asarray(controls), on_state=1.0)
     effort = PUBLISHED[study][1] * np.sum(controls**2)
     np.testing.assert_allclose(means[:, :, 0], expected, atol=1e-12)
     np.testing.assert_allclose(found[0], J - effort, rtol=1e-6)  # their process noise of 1e-8 is not in J
@@ -85,6 +90,12 @@ def test_the_plan_of_least_published_cost_goes_to_the_light(study, furthest, J, 
     assert best.fun == pytest.approx(J, rel=0.01)
     assert float(means[:, 0].max()) == pytest.approx(furthest, abs=0.01)
     np.testing.assert_allclose(means[-1], 0, atol=0.01)
+    told = (CONF.parent / "docs" / "beyond" / "published_problems.md").read_text()
+    assert f"best plan | {furthest} m |" in told
+    straight = np.full((steps, 2), -2 / steps)
+    by_the_light, at_once = planned(planner(study), np.stack([best.x.reshape(-1, 2), straight], axis=-1))[0]
+    R = PUBLISHED[study][1]
+    assert by_the_light + R * np.sum(best.x**2) < at_once + R * np.sum(straight**2)
 
 
 def found(method: str, reaches: list[float], **changed) -> Found:
