@@ -2,6 +2,7 @@
 
 import gc
 import itertools
+import os
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -14,6 +15,24 @@ from helpers import Scalar, float64, light_dark_problem, quick_jit
 from mppi_belief import targets
 
 ENDED = itertools.count(1)  # tests of this process
+# XLA's older and simpler kernels, all in one piece: they compile in a half to a quarter of the time of those of users,
+# to the same numbers but for rounding
+SIMPLE = "--xla_cpu_use_fusion_emitters=false --xla_cpu_parallel_codegen_split_count=1"
+
+
+def compile_simply() -> None:
+    """In the tests' own process, for which XLA reads its flags now; the commands that tests start compile as users do,
+    and so do programs of `helpers.users_jit`."""
+    given = os.environ.get("XLA_FLAGS")
+    os.environ["XLA_FLAGS"] = f"{SIMPLE} {given or ''}"
+    jax.devices()
+    if given is None:
+        del os.environ["XLA_FLAGS"]
+    else:
+        os.environ["XLA_FLAGS"] = given
+
+
+compile_simply()
 
 
 @pytest.fixture(autouse=True, scope="session")

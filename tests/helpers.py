@@ -13,6 +13,10 @@ from jax import Array
 import mppi_belief as mb
 
 CENTERS = [[3, 1], [3, -1]]
+# as compiled outside of the tests, see `compile_simply` in conftest.py
+users_jit = partial(
+    jax.jit, compiler_options={"xla_cpu_use_fusion_emitters": True, "xla_cpu_parallel_codegen_split_count": 32}
+)
 # most tests compile more than they compute: without optimisation that takes half as long
 quick_jit = partial(jax.jit, compiler_options={"xla_backend_optimization_level": 0})
 

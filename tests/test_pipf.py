@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import mppi_belief as mb
-from helpers import light_dark_problem
+from helpers import light_dark_problem, quick_jit
 from mppi_belief.filters.particle import ParticleBelief, summarised
 
 KEY = jax.random.key(3)
@@ -19,8 +19,14 @@ def particles(*states: list[float], weights: list[float] | None = None) -> Parti
     return summarised(jnp.asarray(states, dtype=float).T, log_weights)
 
 
-def act(problem: mb.Problem, controller: mb.Controller, belief) -> np.ndarray:
-    return np.asarray(controller.act(problem, belief, PLAN, KEY)[0])
+@quick_jit
+def act(problem: mb.Problem, controller: mb.Controller, belief) -> jax.Array:
+    return controller.act(problem, belief, PLAN, KEY)[0]
+
+
+@quick_jit
+def rate(problem: mb.Problem, x: jax.Array) -> jax.Array:
+    return problem.cost.base(x) + problem.cost.penalty(x)
 
 
 @pytest.mark.parametrize("combine", ["average", "pooled"])
@@ -34,16 +40,15 @@ def test_one_certain_particle_gives_the_control_of_ce_mppi(combine, light_dark, 
 
 def increments_and_costs(problem: mb.Problem, belief: ParticleBelief, n_samples: int):
     """Path costs (K, L) and first increments (K, L, nu), by a plain loop over the paths the controller draws."""
-    count = belief.particles.shape[1] * n_samples
+    count, plan, R = belief.particles.shape[1] * n_samples, np.asarray(PLAN), np.asarray(problem.cost.R)
     deltas = SHARED["control_std"] * np.asarray(jax.random.normal(KEY, (10, 2, count)))
     costs = np.zeros(count)
     for i in range(count):
         x = np.asarray(belief.particles[:, i // n_samples])
         for k in range(10):
-            u = np.asarray(PLAN[k]) + deltas[k, :, i]
+            u = plan[k] + deltas[k, :, i]
             x = x + problem.dt * np.concatenate([x[2:], u])
-            rate = problem.cost.base(jnp.asarray(x)) + problem.cost.penalty(jnp.asarray(x))
-            costs[i] += problem.dt * (float(rate) + PLAN[k] @ problem.cost.R @ deltas[k, :, i])
+            costs[i] += problem.dt * (float(rate(problem, x)) + plan[k] @ R @ deltas[k, :, i])
         costs[i] += float(problem.cost.terminal(jnp.asarray(x)))
     return costs.reshape(-1, n_samples), deltas[0].T.reshape(-1, n_samples, 2)
 
