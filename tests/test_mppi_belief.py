@@ -131,13 +131,18 @@ def test_blocks_of_samples_are_weighted_as_if_they_were_one(count, light_dark, x
     monkeypatch.setattr(path_integral, "BLOCK", 10)
     controller = replace(SMALL, n_samples=count, antithetic=False)
     problem, plan = light_dark, jnp.full((6, 2), 0.3)
-    u, _, info = jax.jit(controller.act)(problem, prior(problem), plan, KEY)  # not act_on: it knows another BLOCK
+    u, _, info = quick_jit(controller.act)(problem, prior(problem), plan, KEY)  # not act_on: it knows another BLOCK
     increments = jnp.concatenate([controller._normals(key, 2, 8) for key in jax.random.split(KEY, 3)], -1)[..., :count]
-    schedule = gain_schedule(problem, prior(problem), plan)
-    means = path_integral.rollouts(problem, prior(problem).mean, plan[:, :, None] + increments)
-    correction = path_integral.girsanov(plan, increments, problem.cost.R * problem.dt)
-    costs = controller._costs(problem, prior(problem).mean, means, schedule.cov) + correction
-    w = path_integral.weights(costs, controller.temperature)
+
+    @quick_jit
+    def all_at_once(problem: mb.Problem, increments: Array) -> tuple[Array, Array]:
+        schedule = gain_schedule(problem, prior(problem), plan)
+        means = path_integral.rollouts(problem, prior(problem).mean, plan[:, :, None] + increments)
+        correction = path_integral.girsanov(plan, increments, problem.cost.R * problem.dt)
+        costs = controller._costs(problem, prior(problem).mean, means, schedule.cov) + correction
+        return means, path_integral.weights(costs, controller.temperature)
+
+    means, w = all_at_once(problem, increments)
     np.testing.assert_allclose(info.means, means, rtol=1e-12)
     np.testing.assert_allclose(info.weights, w, rtol=1e-9)
     np.testing.assert_allclose(u, plan[0] + increments[0] @ w, rtol=1e-9)

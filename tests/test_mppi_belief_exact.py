@@ -4,6 +4,8 @@ Scalar system, filter at its steady state, D = lambda b^2 / R: with quadratic co
 (19) is a Gaussian integral, and as dt goes to 0 it becomes the feedback of the LQG problem.
 """
 
+from functools import cache
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -33,8 +35,14 @@ optimised, quick = jax.jit(controls), quick_jit(controls)  # much to compute, or
 
 
 def sample(s: Scalar, keys: int, horizon: int = 10, slope: float = 0.0, **options) -> np.ndarray:
+    """The same ones, which several tests ask for, are drawn once."""
+    return drawn(s, keys, horizon, slope, tuple(sorted(options.items())))
+
+
+@cache
+def drawn(s: Scalar, keys: int, horizon: int, slope: float, options: tuple) -> np.ndarray:
     nominal = slope * jnp.linspace(1.0, 0.2, horizon)[:, None]
-    planner = controller(s, horizon=horizon, **options)
+    planner = controller(s, horizon=horizon, **dict(options))
     compiled = optimised if planner.n_samples > 1000 else quick
     return np.asarray(compiled(s.problem(horizon), planner, nominal, jax.random.split(jax.random.key(11), keys)))
 

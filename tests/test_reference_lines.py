@@ -4,22 +4,25 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from jax import Array
 
 import mppi_belief as mb
 from helpers import Scalar, assert_mean, light_dark_problem
 from mppi_belief.simulate import seen
 
 TRIALS = jnp.arange(300)
-STEPS = 20
+STEPS = 10
 
 
-def costs(problem: mb.Problem, controller: mb.Controller, filter: mb.Filter | None = None) -> np.ndarray:
+def costs(
+    problem: mb.Problem, controller: mb.Controller, filter: mb.Filter | None = None, trials: Array = TRIALS
+) -> np.ndarray:
     """Realised costs (trials,), with the same noise for every controller."""
 
     def trial(index):
         return mb.metrics(problem, mb.simulate_trial(problem, filter or mb.EKF(), controller, 0, index)).cost
 
-    return np.asarray(jax.jit(lambda: jax.lax.map(trial, TRIALS, batch_size=50))())
+    return np.asarray(jax.jit(lambda: jax.lax.map(trial, trials, batch_size=50))())
 
 
 def expected_lqg_cost(s: Scalar, problem: mb.Problem) -> float:
@@ -54,14 +57,14 @@ def test_ilqg_is_lqg_on_a_linear_quadratic_problem(scalar, x64):
 @pytest.mark.parametrize("name", ["belief", "ce", "pipf"])
 def test_sampling_controllers_approach_lqg_as_samples_grow(name, scalar):
     problem = scalar.problem(STEPS)
-    shared = {"horizon": STEPS, "temperature": scalar.temperature, "charge": "start"}
+    shared, optimal = {"horizon": STEPS, "temperature": scalar.temperature, "charge": "start"}, costs(problem, mb.LQG())
 
     def excess(n_samples: int) -> np.ndarray:
         if name == "pipf":
             pipf = mb.PIPF(n_samples=max(n_samples // 100, 2), **shared)
-            return costs(problem, pipf, mb.ParticleFilter(100)) - costs(problem, mb.LQG())
+            return costs(problem, pipf, mb.ParticleFilter(100)) - optimal
         evaluate = "mean" if name == "ce" else "belief"
-        return costs(problem, mb.MPPIBelief(n_samples, evaluate=evaluate, **shared)) - costs(problem, mb.LQG())
+        return costs(problem, mb.MPPIBelief(n_samples, evaluate=evaluate, **shared)) - optimal
 
     few, many = excess(40), excess(4000)
     lqg = expected_lqg_cost(scalar, problem)
@@ -82,7 +85,8 @@ def test_an_oracle_is_told_the_true_state_for_certain():
 
 
 def test_seeing_the_state_is_worth_something():
-    problem = light_dark_problem()
+    problem, hundred = light_dark_problem(), TRIALS[:100]
     ce = {"n_samples": 200, "control_std": 2.75, "evaluate": "mean"}
-    saved = costs(problem, mb.MPPIBelief(**ce)) - costs(problem, mb.MPPIBelief(**ce, sees_state=True))
+    blind, told = (costs(problem, mb.MPPIBelief(**ce, sees_state=sees), trials=hundred) for sees in (False, True))
+    saved = blind - told
     assert saved.mean() > 4.5 * saved.std(ddof=1) / np.sqrt(len(saved))

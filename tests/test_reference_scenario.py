@@ -12,7 +12,7 @@ import pytest
 from scipy.stats import binom, fisher_exact
 
 import mppi_belief as mb
-from helpers import SIGMAS, light_dark_problem
+from helpers import SIGMAS, light_dark_problem, users_jit
 
 TRIALS, REFERENCE_TRIALS = 100, 400
 
@@ -35,14 +35,14 @@ TABLE = {
 
 @pytest.fixture(scope="module")
 def measured() -> dict[str, mb.Metrics]:
-    """Metrics (TRIALS,) by method, in the precision actually run."""
+    """Metrics (TRIALS,) by method, in the precision actually run, by programs that are compiled as users'."""
     problem = light_dark_problem()
 
     def metrics(controller: mb.MPPIBelief) -> mb.Metrics:
         def one(number: jax.Array) -> mb.Metrics:
             return mb.metrics(problem, mb.simulate_trial(problem, mb.EKF(), controller, 0, number))
 
-        return jax.tree.map(np.asarray, jax.jit(lambda numbers: jax.lax.map(one, numbers))(jnp.arange(TRIALS)))
+        return jax.tree.map(np.asarray, users_jit(lambda numbers: jax.lax.map(one, numbers))(jnp.arange(TRIALS)))
 
     return {name: metrics(row.controller) for name, row in TABLE.items()}
 
