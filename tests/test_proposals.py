@@ -1,6 +1,7 @@
 """Importance proposals: the same average of paths, from fewer of them."""
 
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import jax
@@ -34,14 +35,14 @@ def act_on(problem: mb.Problem, controller: mb.MPPIBelief, plan: Array, keys: Ar
     return jax.lax.map(one, keys)
 
 
-@quick_jit
+@partial(quick_jit, static_argnames="others")
 def sampled(
-    problem: mb.Problem, policy: proposals.Proposal, aim: proposals.Reference, key: Array
+    problem: mb.Problem, policies: tuple, aim: proposals.Reference, others: int, key: Array
 ) -> tuple[Array, Array, Array]:
-    """Normals and controls (H, nu, N) of a policy, and what its path costs are corrected by (N,)."""
+    """Normals and controls (H, nu, N) of two policies, and what their path costs are raised by (N,)."""
     eps = standard_normal(key, (HORIZON, 2, N))
-    controls, _ = proposals.rollouts(problem, jnp.asarray(problem.prior_mean), policy, eps)
-    return eps, controls, proposals.correction(aim, TEMPERATURE, controls, eps)
+    controls, _, density = proposals.rollouts(problem, jnp.asarray(problem.prior_mean), policies, others, eps)
+    return eps, controls, proposals.correction(aim, TEMPERATURE, controls, density)
 
 
 def near_an_obstacle() -> mb.Problem:
@@ -54,20 +55,41 @@ def plan(rng) -> np.ndarray:
 
 
 @pytest.mark.parametrize("control_std", [None, STD])
-def test_of_a_linear_problem_with_quadratic_costs_all_paths_weigh_the_same(control_std, x64, rng, plan):
-    problem = random_problem(rng, steps=HORIZON)
+def test_of_a_linear_problem_with_quadratic_costs_all_paths_weigh_the_same(control_std, monkeypatch, x64, rng, plan):
+    monkeypatch.setattr(proposals, "defended", lambda n: 0)
+    problem, keys = random_problem(rng, steps=HORIZON), jax.random.split(jax.random.key(0), 1)
     planner = mb.MPPIBelief(64, HORIZON, TEMPERATURE, control_std, proposal="laplace")
-    keys = jax.random.split(jax.random.key(0), 1)
     np.testing.assert_allclose(act_on(problem, planner, plan, keys)[1], 64, rtol=1e-9)
     assert act_on(problem, replace(planner, proposal="nominal"), plan, keys)[1] < 0.8 * 64
 
 
-def test_of_a_linear_problem_the_matched_policy_is_that_of_lqr(x64, rng, plan):
+def test_of_a_linear_problem_the_matched_policy_is_that_of_lqr(monkeypatch, x64, rng, plan):
+    monkeypatch.setattr(proposals, "defended", lambda n: 0)
     problem = random_problem(rng, steps=HORIZON)
     planner = mb.MPPIBelief(2, HORIZON, TEMPERATURE, antithetic=True, proposal="laplace")
     (u,), _ = act_on(problem, planner, plan, jax.random.split(jax.random.key(0), 1))
     best = lqr(problem, np.asarray(problem.prior_mean), np.asarray(charge_weights(HORIZON, "end")))
     np.testing.assert_allclose(u, best[0], rtol=1e-8)  # a mirrored pair: the mean of the policy itself
+
+
+def test_a_part_is_drawn_about_the_nominal():
+    assert [proposals.defended(n) for n in (1, 2, 3, 20, 500)] == [0, 1, 1, 4, 100]
+
+
+def test_an_expansion_that_leads_far_astray_costs_no_more_than_its_samples(monkeypatch, x64, plan):
+    """A policy in whose samples nothing is right: the others decide, as if there were only they."""
+
+    def astray(problem, cost, means, nominal, aim, temperature):
+        return proposals.plain(means, nominal + 50.0, aim, temperature)
+
+    monkeypatch.setattr(proposals, "laplace", astray)
+    problem, keys = near_an_obstacle(), jax.random.split(jax.random.key(4), 60)
+    few = replace(PLANNER, n_samples=proposals.defended(N - 10))
+    guided = act_on(problem, replace(PLANNER, n_samples=N - 10, proposal="laplace"), plan, keys)
+    own = act_on(problem, few, plan, keys)
+    np.testing.assert_allclose(guided[1].mean(), own[1].mean(), rtol=0.05)
+    error = np.hypot(guided[0].std(axis=0), own[0].std(axis=0)) / np.sqrt(len(keys))
+    assert np.all(np.abs(guided[0].mean(axis=0) - own[0].mean(axis=0)) < 4 * error)
 
 
 @pytest.mark.parametrize("evaluate", ["belief", "mean"])
@@ -79,19 +101,16 @@ def test_the_limit_of_many_samples_is_that_about_the_nominal_and_is_reached_with
     errors = [u.std(axis=0) / np.sqrt(len(keys)) for u, _ in (plain, guided)]
     gap = np.abs(plain[0].mean(axis=0) - guided[0].mean(axis=0))
     assert np.all(gap < 4 * np.hypot(*errors)), (gap, errors)
-    assert np.all(errors[1] < 0.7 * errors[0])
-    assert guided[1].mean() > 3 * plain[1].mean()
+    assert np.all(errors[1] < 0.8 * errors[0])
+    assert guided[1].mean() > 2 * plain[1].mean()
 
 
 @pytest.mark.parametrize(("std", "alpha"), [(None, None), (STD, None), (STD, 0.3), (None, 0.3)])
 def test_about_the_nominal_with_its_own_covariance_it_is_the_term_of_the_nominal(std, alpha, x64, plan):
     problem = near_an_obstacle()
     aim = proposals.reference(problem, jnp.asarray(plan), TEMPERATURE, std, alpha)
-    factor = np.linalg.cholesky(TEMPERATURE * np.linalg.inv(aim.precision))
-    policy = proposals.Proposal(
-        np.zeros((HORIZON, 4)), plan, np.zeros((HORIZON, 2, 4)), np.broadcast_to(factor, (HORIZON, 2, 2))
-    )
-    eps, controls, correction = sampled(problem, policy, aim, jax.random.key(2))
+    policy = proposals.plain(jnp.zeros((HORIZON + 1, 4)), jnp.asarray(plan), aim, TEMPERATURE)
+    eps, controls, correction = sampled(problem, (policy, policy), aim, 7, jax.random.key(2))
     increments = pi.matched_increments(problem, eps, TEMPERATURE, std)
     np.testing.assert_allclose(controls - plan[:, :, None], increments, atol=1e-12)
     weight = pi.girsanov_weight(problem, TEMPERATURE, std, alpha)
@@ -99,19 +118,19 @@ def test_about_the_nominal_with_its_own_covariance_it_is_the_term_of_the_nominal
     np.testing.assert_allclose(apart, apart[0], rtol=1e-9, atol=1e-9)
 
 
-def test_the_ratio_of_densities_of_a_policy_with_feedback_has_mean_one(x64, rng, plan):
-    """With everything that the weights leave out; the ratio's mean is one for any policy."""
+@pytest.mark.parametrize("others", [0, N // 4])
+def test_the_ratio_of_densities_of_policies_with_feedback_has_mean_one(others, x64, rng, plan):
+    """With the constants that the weights leave out; the ratio's mean is one for any policies."""
     problem = near_an_obstacle()
     aim = proposals.Reference(0.3 * jnp.asarray(plan), TEMPERATURE / STD**2 * jnp.eye(2))
     factors = STD * (0.9 * np.eye(2) + 0.05 * np.tril(rng.normal(size=(HORIZON, 2, 2))))
     policy = proposals.Proposal(
         rng.normal(size=(HORIZON, 4)), 0.2 * plan, 0.02 * rng.normal(size=(HORIZON, 2, 4)), factors
     )
-    ratios = []
-    for key in jax.random.split(jax.random.key(3), 10):
-        _, _, correction = sampled(problem, policy, aim, key)
-        sizes = np.linalg.det(factors) / STD**2
-        ratios.append(np.exp(-np.asarray(correction) / TEMPERATURE) * np.prod(sizes))
+    wide = policy._replace(controls=-plan, factors=1.2 * factors)
+    keys = jax.random.split(jax.random.key(3), 10)
+    found = [sampled(problem, (policy, wide), aim, others, key)[2] for key in keys]
+    ratios = np.exp(-np.asarray(found) / TEMPERATURE) / STD ** (2 * HORIZON)
     mean, error = np.mean(ratios), np.std(ratios) / np.sqrt(np.size(ratios))
     assert abs(mean - 1) < 4 * error < 0.1
 

@@ -1,18 +1,20 @@
-"""Importance proposals: the feedback policy from which paths of the mean are sampled.
+"""Importance proposals: the feedback policies from which paths of the mean are sampled.
 
     u_k = v_k + K_k (mu_k - mean_k) + F_k eps_k,   eps_k ~ N(0, I)
 
 The average (19) is over paths whose controls would be N(m_k, S_u) if they cost nothing, each counted by
-exp(-S / lambda). Sampled from another policy the same paths count by the ratio of the densities as well
+exp(-S / lambda). Drawn from another density p the same paths count by the ratio of the densities as well
 (Girsanov's, of a drift that depends on the path: Thijssen and Kappen 2015), so that the path cost becomes
 
-    S + lambda sum_k ( 1/2 (u_k - m_k)' S_u^-1 (u_k - m_k) - 1/2 eps_k' eps_k )
+    S + lambda ( sum_k 1/2 (u_k - m_k)' S_u^-1 (u_k - m_k) + log p(u) )
 
 and the control for many samples is the same whatever the proposal; how many are enough is not. With
 v = nominal, K = 0, F F' = S_u this is `path_integral.girsanov`: m = nominal - S_u W nominal / lambda.
 
 The Laplace proposal is the optimal policy of the LQ problem about the nominal, whose covariance is
-F F' = lambda Quu^-1. Where the problem is that problem all weights are equal (Kappen and Ruiz 2016).
+F F' = lambda Quu^-1. Where the problem is that problem all its weights are equal (Kappen and Ruiz 2016). Where it is
+far from it none of its samples may be any good; so a part of them is drawn about the nominal, and p is the mixture of
+the two (Hesterberg 1995), with which no path counts more than 1 / DEFENSIVE times what it counts for the plain planner.
 """
 
 from typing import NamedTuple
@@ -27,6 +29,8 @@ from .discretise import euler_step
 from .linalg import quadratic_form
 from .path_integral import girsanov_weight
 from .problem import Problem
+
+DEFENSIVE = 0.2  # part of the samples that is drawn about the nominal; a choice
 
 
 class Reference(NamedTuple):
@@ -73,33 +77,57 @@ def laplace(
     """
     lq = ilqr.expand(problem, cost, means, nominal)
     found = ilqr.sweep(lq, (nominal - aim.centre) @ aim.precision, aim.precision)
-    best = nominal + found.feed, found.gains, jnp.linalg.cholesky(temperature * found.inverses)
-    spread = jnp.linalg.cholesky(temperature * jnp.linalg.inv(aim.precision))
-    plain = nominal, jnp.zeros_like(found.gains), jnp.broadcast_to(spread, found.inverses.shape)
+    best = Proposal(means[:-1], nominal + found.feed, found.gains, jnp.linalg.cholesky(temperature * found.inverses))
     finite = jnp.all(jnp.array([jnp.all(jnp.isfinite(part)) for part in best]))
-    return Proposal(means[:-1], *(jnp.where(finite, one, other) for one, other in zip(best, plain, strict=True)))
+    return jax.tree.map(lambda one, other: jnp.where(finite, one, other), best, plain(means, nominal, aim, temperature))
 
 
-def rollouts(problem: Problem, mean: Array, proposal: Proposal, normals: Array) -> tuple[Array, Array]:
-    """Controls (H, nu, N) and means mu_1..mu_H (H, nx, N) of the policy from a mean (nx,), for normals (H, nu, N)."""
-
-    def one(mu: Array, eps: Array, at: Array, v: Array, K: Array, F: Array) -> tuple[Array, Array]:
-        u = v + K @ (mu - at) + F @ eps
-        return u, euler_step(problem.system, mu, u, problem.dt)
-
-    move = vmap_last(one, mapped=(True, True, False, False, False, False))
-
-    def advance(mu: Array, at: tuple[Array, Proposal]) -> tuple[Array, tuple[Array, Array]]:
-        eps, policy = at
-        u, mu = move(mu, eps, *policy)
-        return mu, (u, mu)
-
-    starts = jnp.broadcast_to(mean[:, None], (len(mean), normals.shape[-1]))
-    return jax.lax.scan(advance, starts, (normals, proposal))[1]
+def plain(means: Array, nominal: Array, aim: Reference, temperature: Array | float) -> Proposal:
+    """Controls N(nominal_k, S_u), whatever the mean; shapes as in `laplace`."""
+    spread = jnp.linalg.cholesky(temperature * jnp.linalg.inv(aim.precision))
+    gains = jnp.zeros((*nominal.shape, means.shape[1]))
+    return Proposal(means[:-1], nominal, gains, jnp.broadcast_to(spread, (len(nominal), *spread.shape)))
 
 
-def correction(aim: Reference, temperature: Array | float, controls: Array, normals: Array) -> Array:
-    """lambda times the log of the ratio of densities (N,), for controls and normals (H, nu, N); up to a constant."""
+def defended(n: int) -> int:
+    """How many of n samples are drawn about the nominal: at least one of two and more."""
+    return max(round(DEFENSIVE * n), min(n - 1, 1))
+
+
+def rollouts(
+    problem: Problem, mean: Array, policies: tuple[Proposal, Proposal], others: int, normals: Array
+) -> tuple[Array, Array, Array]:
+    """Controls (H, nu, N) and means mu_1..mu_H (H, nx, N) from a mean (nx,) for normals (H, nu, N), and the log of the
+    density that the controls were drawn from (N,), up to a constant.
+
+    The first `others` samples are those of the second policy, the rest those of the first.
+    """
+    n = normals.shape[-1]
+    second = jnp.arange(n) < others
+    whitening = tuple(jnp.linalg.inv(policy.factors) for policy in policies)
+
+    def advance(at: tuple[Array, Array], given: tuple) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+        (mu, squares), (eps, now, whiten) = at, given
+
+        def move(mu: Array, eps: Array, second: Array) -> tuple[Array, Array, Array]:
+            centres = [one.controls + one.gains @ (mu - one.means) for one in now]
+            drawn = [centre + one.factors @ eps for centre, one in zip(centres, now, strict=True)]
+            u = jnp.where(second, drawn[1], drawn[0])
+            off = [jnp.sum((W @ (u - centre)) ** 2) for W, centre in zip(whiten, centres, strict=True)]
+            return u, euler_step(problem.system, mu, u, problem.dt), jnp.stack(off)
+
+        u, mu, off = vmap_last(move, mapped=(True, True, True))(mu, eps, second)
+        return (mu, squares + off), (u, mu)
+
+    start = jnp.broadcast_to(mean[:, None], (len(mean), n)), jnp.zeros((2, n))
+    (_, squares), (controls, means) = jax.lax.scan(advance, start, (normals, policies, whitening))
+    heights = jnp.stack([jnp.sum(jnp.linalg.slogdet(W)[1]) for W in whitening])
+    shares = jnp.log(jnp.array([n - others, others]) / n)
+    return controls, means, jax.nn.logsumexp((shares + heights)[:, None] - 0.5 * squares, axis=0)
+
+
+def correction(aim: Reference, temperature: Array | float, controls: Array, density: Array) -> Array:
+    """What path costs are raised by (N,), for controls (H, nu, N) drawn from a density of this log (N,)."""
     off = controls - aim.centre[:, :, None]
     form = vmap_last(lambda d: quadratic_form(aim.precision, d), mapped=(True,))
-    return 0.5 * (jnp.sum(jax.vmap(form)(off), 0) - temperature * jnp.sum(normals * normals, (0, 1)))
+    return 0.5 * jnp.sum(jax.vmap(form)(off), 0) + temperature * density

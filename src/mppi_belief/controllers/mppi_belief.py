@@ -108,7 +108,7 @@ class MPPIBelief:
         return draw
 
     def _laplace(self, problem: Problem, mean: Array, schedule: GainSchedule, plan: Array) -> Sampler:
-        """Samples from the optimal policy of the expansion about the nominal."""
+        """Samples from the optimal policy of the expansion about the nominal, some of them about the nominal itself."""
         aim = proposals.reference(problem, plan, self.temperature, self.control_std, self.alpha)
         running, terminal = self._rates(problem)
         cost = ilqr.staged(
@@ -118,12 +118,13 @@ class MPPIBelief:
             self.horizon,
             self.charge,
         )
-        policy = proposals.laplace(problem, cost, schedule.mean, plan, aim, self.temperature)
+        given = schedule.mean, plan, aim, self.temperature
+        policies = proposals.laplace(problem, cost, *given), proposals.plain(*given)
 
         def draw(key: Array, n: int) -> tuple[Array, Array, Array]:
             eps = self._normals(key, plan.shape[1], n)
-            controls, means = proposals.rollouts(problem, mean, policy, eps)
-            correction = proposals.correction(aim, self.temperature, controls, eps)
+            controls, means, density = proposals.rollouts(problem, mean, policies, proposals.defended(n), eps)
+            correction = proposals.correction(aim, self.temperature, controls, density)
             return controls - plan[:, :, None], means, correction
 
         return draw
