@@ -118,6 +118,12 @@ def test_about_the_nominal_with_its_own_covariance_it_is_the_term_of_the_nominal
     np.testing.assert_allclose(apart, apart[0], rtol=1e-9, atol=1e-9)
 
 
+def test_a_weight_above_the_exact_one_does_not_push_away_from_the_nominal(x64, plan):
+    problem = light_dark_problem(cost={"control_weight": [1.0, 100.0]})  # R dt std^2 / lambda: 0.1125 and 11.25
+    aim = proposals.reference(problem, jnp.asarray(plan), TEMPERATURE, STD, None)
+    np.testing.assert_allclose(aim.centre, plan * [1 - 0.1125, 0], rtol=1e-9, atol=1e-12)
+
+
 @pytest.mark.parametrize("others", [0, N // 4])
 def test_the_ratio_of_densities_of_policies_with_feedback_has_mean_one(others, x64, rng, plan):
     """With the constants that the weights leave out; the ratio's mean is one for any policies."""

@@ -16,7 +16,9 @@ from mppi_belief.linalg import decorrelated, semidefinite_root, triangular_root
 TINY = float(np.finfo(np.float32).eps)
 
 
-@pytest.mark.parametrize(("system", "method"), [("light_dark", "belief"), ("linear_3_2_2", "algorithm_1")])
+@pytest.mark.parametrize(
+    ("system", "method"), [("light_dark", "belief"), ("light_dark", "belief, laplace"), ("linear_3_2_2", "algorithm_1")]
+)
 def test_covariances_weights_and_controls_hold_in_random_scenarios(system, method):
     (_, _, found), *_ = random_scenarios.studied(system, 120, 1, [method], "float32")
     bad = {name: np.flatnonzero(wrong) for name, wrong in random_scenarios.violations(found, "float32").items()}

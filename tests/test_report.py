@@ -174,7 +174,10 @@ def test_a_picture_shows_every_path_and_says_which_collide():
 
 def test_pictures_can_be_compared_on_one_scale():
     runs = [figures.Run(pd.DataFrame(paths(n, 4)), plane([[3, 1]]), set(), f"{n} trials") for n in (1, 2, 12)]
-    panels = figures.compare(runs).axes[:4]
+    figure = figures.compare(runs)
+    assert legend(figure) == ["start", "goal", "a trial"]
+    assert legend(figures.compare([*runs, runs[0]._replace(collided={0})]))[3] == "a trial that collides"
+    panels = figure.axes[:4]
     assert [axes.get_title() for axes in panels if axes.get_visible()] == ["1 trials", "2 trials", "12 trials"]
     assert len({axes.get_xlim() for axes in panels[:3]}) == 1
     assert panels[0].get_xlim()[1] > 11.3

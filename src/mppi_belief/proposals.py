@@ -9,7 +9,8 @@ exp(-S / lambda). Drawn from another density p the same paths count by the ratio
     S + lambda ( sum_k 1/2 (u_k - m_k)' S_u^-1 (u_k - m_k) + log p(u) )
 
 and the control for many samples is the same whatever the proposal; how many are enough is not. With
-v = nominal, K = 0, F F' = S_u this is `path_integral.girsanov`: m = nominal - S_u W nominal / lambda.
+v = nominal, K = 0, F F' = S_u this is `path_integral.girsanov`: m = nominal - S_u W nominal / lambda. A W above
+lambda S_u^-1 would push the controls away from the nominal; there m = 0, as for the exact W = lambda S_u^-1.
 
 The Laplace proposal is the optimal policy of the LQ problem about the nominal, whose covariance is
 F F' = lambda Quu^-1. Where the problem is that problem all its weights are equal (Kappen and Ruiz 2016). Where it is
@@ -26,7 +27,7 @@ from jax import Array
 from . import ilqr
 from .batching import vmap_last
 from .discretise import euler_step
-from .linalg import quadratic_form
+from .linalg import quadratic_form, symmetrise
 from .path_integral import girsanov_weight
 from .problem import Problem
 
@@ -59,8 +60,11 @@ def reference(
     """What (19) averages over about a nominal (H, nu), with the settings of `mppi_belief.controllers.MPPIBelief`."""
     R = problem.cost.R
     precision = R * problem.dt if std is None else temperature / std**2 * jnp.eye(len(R))
-    pulled = nominal @ girsanov_weight(problem, temperature, std, alpha)
-    return Reference(nominal - jnp.linalg.solve(precision, pulled.T).T, precision)
+    taken = jnp.linalg.solve(
+        precision, girsanov_weight(problem, temperature, std, alpha)
+    )  # S_u or W is a multiple of I
+    parts, axes = jnp.linalg.eigh(symmetrise(taken))
+    return Reference(nominal - nominal @ (axes * jnp.minimum(parts, 1.0)) @ axes.T, precision)
 
 
 def laplace(

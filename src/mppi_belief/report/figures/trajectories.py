@@ -175,7 +175,8 @@ def _legend(runs: Sequence[Run]) -> tuple[list[Line2D], list[str]]:
     start, goal = ends()
     path, hit = Line2D([], [], color=BLUE, lw=1.5), Line2D([], [], color=ORANGE, lw=1.5)
     if len(runs) > 1:
-        return [start, goal, path, hit], ["start", "goal", "a trial", "a trial that collides"]
+        some = any(run.collided for run in runs)
+        return [start, goal, path, *[hit] * some], ["start", "goal", "a trial", *["a trial that collides"] * some]
     collided = len(runs[0].collided)
     others = f"{runs[0].paths['trial'].nunique() - collided} paths"
     handles, labels = [start, goal, path], ["start", "goal", others]
