@@ -106,7 +106,7 @@ def subject(row: Row) -> Callable[[int], None]:
     """The call for step k of a trial that has been run, waited for; compiled."""
     (config,) = collect([*row.overrides, f"problem.steps={STEPS}"])
     parts = build(config)
-    act = jax.jit(lambda parts, belief, plan, key: parts.controller.act(parts.problem, belief, plan, key)[:2])
+    act = jax.jit(lambda parts, belief, plan, key: _told(*parts.controller.act(parts.problem, belief, plan, key)))
     update = jax.jit(lambda parts, belief, u, y, key: parts.filter.update(parts.problem, belief, u, y, key))
     answer = jax.jit(
         lambda parts, x, belief, u, k: respond(parts.problem, parts.filter, x, belief, u, plant, filtering, k)
@@ -117,7 +117,7 @@ def subject(row: Row) -> Callable[[int], None]:
     plan, given = parts.controller.init(parts.problem), []
     for k in range(STEPS):
         key, told = jax.random.fold_in(planning, k), seen(parts.controller, belief, x)
-        u, later = act(parts, told, plan, key)
+        u, later, _ = act(parts, told, plan, key)
         x, y, after = answer(parts, x, belief, u, k)
         given.append((told, plan, key) if row.what == "step" else (belief, u, y, key))
         plan, belief = later, after
@@ -128,6 +128,11 @@ def subject(row: Row) -> Callable[[int], None]:
 
     call(0)
     return call
+
+
+def _told(u: Any, plan: Any, info: Any) -> tuple[Any, Any, Any]:
+    """What a run keeps of a step."""
+    return u, plan, info.ess
 
 
 def markdown(report: dict[str, Any]) -> str:

@@ -1,7 +1,7 @@
 """Importance proposals: the same average of paths, from fewer of them."""
 
+from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import jax
@@ -35,14 +35,18 @@ def act_on(problem: mb.Problem, controller: mb.MPPIBelief, plan: Array, keys: Ar
     return jax.lax.map(one, keys)
 
 
-@partial(quick_jit, static_argnames="others")
 def sampled(
-    problem: mb.Problem, policies: tuple, aim: proposals.Reference, others: int, key: Array
+    problem: mb.Problem, policies: tuple, aim: proposals.Reference, second: np.ndarray, key: Array
 ) -> tuple[Array, Array, Array]:
     """Normals and controls (H, nu, N) of two policies, and what their path costs are raised by (N,)."""
-    eps = standard_normal(key, (HORIZON, 2, N))
-    controls, _, density = proposals.rollouts(problem, jnp.asarray(problem.prior_mean), policies, others, eps)
-    return eps, controls, proposals.correction(aim, TEMPERATURE, controls, density)
+
+    @quick_jit
+    def program(problem, policies, aim, key):
+        eps = standard_normal(key, (HORIZON, 2, N))
+        controls, _, density = proposals.rollouts(problem, jnp.asarray(problem.prior_mean), policies, second, eps)
+        return eps, controls, proposals.correction(aim, TEMPERATURE, controls, density)
+
+    return program(problem, policies, aim, key)
 
 
 def near_an_obstacle() -> mb.Problem:
@@ -56,7 +60,7 @@ def plan(rng) -> np.ndarray:
 
 @pytest.mark.parametrize("control_std", [None, STD])
 def test_of_a_linear_problem_with_quadratic_costs_all_paths_weigh_the_same(control_std, monkeypatch, x64, rng, plan):
-    monkeypatch.setattr(proposals, "defended", lambda n: 0)
+    monkeypatch.setattr(proposals, "about_nominal", lambda n, mirrored: np.zeros(n, bool))
     problem, keys = random_problem(rng, steps=HORIZON), jax.random.split(jax.random.key(0), 1)
     planner = mb.MPPIBelief(64, HORIZON, TEMPERATURE, control_std, proposal="laplace")
     np.testing.assert_allclose(act_on(problem, planner, plan, keys)[1], 64, rtol=1e-9)
@@ -64,7 +68,7 @@ def test_of_a_linear_problem_with_quadratic_costs_all_paths_weigh_the_same(contr
 
 
 def test_of_a_linear_problem_the_matched_policy_is_that_of_lqr(monkeypatch, x64, rng, plan):
-    monkeypatch.setattr(proposals, "defended", lambda n: 0)
+    monkeypatch.setattr(proposals, "about_nominal", lambda n, mirrored: np.zeros(n, bool))
     problem = random_problem(rng, steps=HORIZON)
     planner = mb.MPPIBelief(2, HORIZON, TEMPERATURE, antithetic=True, proposal="laplace")
     (u,), _ = act_on(problem, planner, plan, jax.random.split(jax.random.key(0), 1))
@@ -72,31 +76,49 @@ def test_of_a_linear_problem_the_matched_policy_is_that_of_lqr(monkeypatch, x64,
     np.testing.assert_allclose(u, best[0], rtol=1e-8)  # a mirrored pair: the mean of the policy itself
 
 
-def test_a_part_is_drawn_about_the_nominal():
-    assert [proposals.defended(n) for n in (1, 2, 3, 20, 500)] == [0, 1, 1, 4, 100]
+def test_a_fifth_is_drawn_about_the_nominal_mirrored_pairs_together():
+    assert [proposals.about_nominal(n, False).sum() for n in (1, 2, 5, 6, 20, 500)] == [1, 1, 1, 2, 4, 100]
+    assert not proposals.about_nominal(2, False)[1]
+    for n in (2, 19, 20, 500):
+        half, chosen = (n + 1) // 2, proposals.about_nominal(n, True)
+        np.testing.assert_array_equal(chosen[half:], chosen[: n - half])
+        assert chosen[:half].sum() == -(-half // 5)
+
+
+def test_of_a_linear_problem_the_fifth_about_the_nominal_is_what_is_lost(x64, rng, plan):
+    problem, keys = random_problem(rng, steps=HORIZON), jax.random.split(jax.random.key(0), 1)
+    planner = mb.MPPIBelief(400, HORIZON, TEMPERATURE, 4 * STD, proposal="laplace")
+    (ess,) = act_on(problem, planner, plan, keys)[1]
+    assert 0.8 * 400 - 5 < ess <= 400
 
 
 def test_an_expansion_that_leads_far_astray_costs_no_more_than_its_samples(monkeypatch, x64, plan):
     """A policy in whose samples nothing is right: the others decide, as if there were only they."""
 
-    def astray(problem, cost, means, nominal, aim, temperature):
-        return proposals.plain(means, nominal + 50.0, aim, temperature)
+    def astray(cost, problem, means, aim, temperature, fallback):
+        return fallback._replace(controls=fallback.controls + 50.0)
 
     monkeypatch.setattr(proposals, "laplace", astray)
     problem, keys = near_an_obstacle(), jax.random.split(jax.random.key(4), 60)
-    few = replace(PLANNER, n_samples=proposals.defended(N - 10))
-    guided = act_on(problem, replace(PLANNER, n_samples=N - 10, proposal="laplace"), plan, keys)
-    own = act_on(problem, few, plan, keys)
+    many = N - 10  # another number than in other tests, for which a program without this patch is kept
+    guided = act_on(problem, replace(PLANNER, n_samples=many, proposal="laplace"), plan, keys)
+    own = act_on(problem, replace(PLANNER, n_samples=int(proposals.about_nominal(many, False).sum())), plan, keys)
     np.testing.assert_allclose(guided[1].mean(), own[1].mean(), rtol=0.05)
     error = np.hypot(guided[0].std(axis=0), own[0].std(axis=0)) / np.sqrt(len(keys))
     assert np.all(np.abs(guided[0].mean(axis=0) - own[0].mean(axis=0)) < 4 * error)
 
 
-@pytest.mark.parametrize("evaluate", ["belief", "mean"])
-@pytest.mark.parametrize("alpha", [None, 0.3])
-def test_the_limit_of_many_samples_is_that_about_the_nominal_and_is_reached_with_fewer(evaluate, alpha, x64, plan):
+OPTIONS = [
+    {},
+    {"evaluate": "mean", "alpha": 0.3},
+    {"charge": "start", "risk": "total", "antithetic": True},
+]
+
+
+@pytest.mark.parametrize("options", OPTIONS)
+def test_the_limit_of_many_samples_is_that_about_the_nominal_and_is_reached_with_fewer(options, x64, plan):
     problem, keys = near_an_obstacle(), jax.random.split(jax.random.key(1), 60)
-    planner = replace(PLANNER, evaluate=evaluate, alpha=alpha)
+    planner = replace(PLANNER, **options)
     plain, guided = (act_on(problem, replace(planner, proposal=p), plan, keys) for p in ("nominal", "laplace"))
     errors = [u.std(axis=0) / np.sqrt(len(keys)) for u, _ in (plain, guided)]
     gap = np.abs(plain[0].mean(axis=0) - guided[0].mean(axis=0))
@@ -109,8 +131,9 @@ def test_the_limit_of_many_samples_is_that_about_the_nominal_and_is_reached_with
 def test_about_the_nominal_with_its_own_covariance_it_is_the_term_of_the_nominal(std, alpha, x64, plan):
     problem = near_an_obstacle()
     aim = proposals.reference(problem, jnp.asarray(plan), TEMPERATURE, std, alpha)
-    policy = proposals.plain(jnp.zeros((HORIZON + 1, 4)), jnp.asarray(plan), aim, TEMPERATURE)
-    eps, controls, correction = sampled(problem, (policy, policy), aim, 7, jax.random.key(2))
+    policy = proposals.plain(problem, jnp.asarray(plan), TEMPERATURE, std)
+    second = proposals.about_nominal(N, False)
+    eps, controls, correction = sampled(problem, (policy, policy), aim, second, jax.random.key(2))
     increments = pi.matched_increments(problem, eps, TEMPERATURE, std)
     np.testing.assert_allclose(controls - plan[:, :, None], increments, atol=1e-12)
     weight = pi.girsanov_weight(problem, TEMPERATURE, std, alpha)
@@ -124,8 +147,8 @@ def test_a_weight_above_the_exact_one_does_not_push_away_from_the_nominal(x64, p
     np.testing.assert_allclose(aim.centre, plan * [1 - 0.1125, 0], rtol=1e-9, atol=1e-12)
 
 
-@pytest.mark.parametrize("others", [0, N // 4])
-def test_the_ratio_of_densities_of_policies_with_feedback_has_mean_one(others, x64, rng, plan):
+@pytest.mark.parametrize("second", [np.zeros(N, bool), np.arange(N) % 4 == 0])
+def test_the_ratio_of_densities_of_policies_with_feedback_has_mean_one(second, x64, rng, plan):
     """With the constants that the weights leave out; the ratio's mean is one for any policies."""
     problem = near_an_obstacle()
     aim = proposals.Reference(0.3 * jnp.asarray(plan), TEMPERATURE / STD**2 * jnp.eye(2))
@@ -135,24 +158,38 @@ def test_the_ratio_of_densities_of_policies_with_feedback_has_mean_one(others, x
     )
     wide = policy._replace(controls=-plan, factors=1.2 * factors)
     keys = jax.random.split(jax.random.key(3), 10)
-    found = [sampled(problem, (policy, wide), aim, others, key)[2] for key in keys]
+    found = [sampled(problem, (policy, wide), aim, second, key)[2] for key in keys]
     ratios = np.exp(-np.asarray(found) / TEMPERATURE) / STD ** (2 * HORIZON)
     mean, error = np.mean(ratios), np.std(ratios) / np.sqrt(np.size(ratios))
     assert abs(mean - 1) < 4 * error < 0.1
 
 
-def test_an_expansion_that_is_not_finite_leaves_the_nominal(plan):
-    problem = near_an_obstacle()
-    aim = proposals.reference(problem, jnp.asarray(plan), TEMPERATURE, STD, None)
+@pytest.fixture
+def expanded(plan) -> Callable[..., tuple[proposals.Proposal, proposals.Proposal]]:
+    """The Laplace policy for a cost of (x, k) about means that move on by one at each step, and the nominal's."""
 
-    def steep(x: Array, k: Array) -> Array:
-        return jnp.sqrt(jnp.sum((x - problem.prior_mean) ** 2))
+    def make(cost: Callable[[Array, Array], Array]) -> tuple[proposals.Proposal, proposals.Proposal]:
+        problem = near_an_obstacle()
+        aim = proposals.reference(problem, jnp.asarray(plan), TEMPERATURE, STD, None)
+        means = jnp.ones((HORIZON + 1, 4)) * jnp.arange(HORIZON + 1)[:, None]
+        fallback = proposals.plain(problem, jnp.asarray(plan), TEMPERATURE, STD)
+        return proposals.laplace(cost, problem, means, aim, TEMPERATURE, fallback), fallback
 
-    means = jnp.broadcast_to(jnp.asarray(problem.prior_mean), (HORIZON + 1, 4))
-    policy = proposals.laplace(problem, steep, means, jnp.asarray(plan), aim, TEMPERATURE)
-    np.testing.assert_allclose(policy.controls, plan, rtol=1e-6)
-    assert not np.any(policy.gains)
-    np.testing.assert_allclose(policy.factors, np.broadcast_to(STD * np.eye(2), (HORIZON, 2, 2)), rtol=1e-6)
+    return make
+
+
+def test_an_expansion_that_is_not_finite_leaves_the_nominal(expanded):
+    policy, fallback = expanded(lambda x, k: 2.5e37 * jnp.sum(x**2))
+    for found, given in zip(policy, fallback, strict=True):
+        np.testing.assert_array_equal(found, given)
+
+
+def test_a_state_without_finite_derivatives_counts_as_if_it_cost_nothing(x64, expanded):
+    singular, _ = expanded(lambda x, k: jnp.sum(x**2) + 1e-9 * jnp.sqrt(jnp.sum((x - 3) ** 2)))
+    without, _ = expanded(lambda x, k: jnp.sum(x**2) * (k != 3))
+    assert np.any(without.gains)
+    for found, expected in zip(singular, without, strict=True):
+        np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-6)
 
 
 def test_it_plans_from_one_gaussian_through_the_control_and_says_so():

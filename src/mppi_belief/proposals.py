@@ -10,28 +10,30 @@ exp(-S / lambda). Drawn from another density p the same paths count by the ratio
 
 and the control for many samples is the same whatever the proposal; how many are enough is not. With
 v = nominal, K = 0, F F' = S_u this is `path_integral.girsanov`: m = nominal - S_u W nominal / lambda. A W above
-lambda S_u^-1 would push the controls away from the nominal; there m = 0, as for the exact W = lambda S_u^-1.
+lambda S_u^-1 would push the controls away from the nominal; there, and only there, the limit is another than that
+about the nominal: m = 0, as for the exact W = lambda S_u^-1.
 
 The Laplace proposal is the optimal policy of the LQ problem about the nominal, whose covariance is
 F F' = lambda Quu^-1. Where the problem is that problem all its weights are equal (Kappen and Ruiz 2016). Where it is
 far from it none of its samples may be any good; so a part of them is drawn about the nominal, and p is the mixture of
-the two (Hesterberg 1995), with which no path counts more than 1 / DEFENSIVE times what it counts for the plain planner.
+the two (Hesterberg 1995), with which no path counts more than EVERY times what it counts for the plain planner.
 """
 
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 
 from . import ilqr
 from .batching import vmap_last
 from .discretise import euler_step
 from .linalg import quadratic_form, symmetrise
-from .path_integral import girsanov_weight
+from .path_integral import girsanov_weight, matched_increments
 from .problem import Problem
 
-DEFENSIVE = 0.2  # part of the samples that is drawn about the nominal; a choice
+EVERY = 5  # one sample in so many is drawn about the nominal; a choice
 
 
 class Reference(NamedTuple):
@@ -58,56 +60,53 @@ def reference(
     alpha: Array | float | None,
 ) -> Reference:
     """What (19) averages over about a nominal (H, nu), with the settings of `mppi_belief.controllers.MPPIBelief`."""
-    R = problem.cost.R
-    precision = R * problem.dt if std is None else temperature / std**2 * jnp.eye(len(R))
+    precision = girsanov_weight(problem, temperature, std, 0.0)
     taken = jnp.linalg.solve(
         precision, girsanov_weight(problem, temperature, std, alpha)
-    )  # S_u or W is a multiple of I
-    parts, axes = jnp.linalg.eigh(symmetrise(taken))
+    )  # symmetric: one is a multiple
+    parts, axes = jnp.linalg.eigh(symmetrise(taken))  # of the other or of I
     return Reference(nominal - nominal @ (axes * jnp.minimum(parts, 1.0)) @ axes.T, precision)
 
 
+def plain(problem: Problem, nominal: Array, temperature: Array | float, std: Array | float | None) -> Proposal:
+    """Controls N(nominal_k, S_u) about a nominal (H, nu), whatever the mean."""
+    (horizon, nu), nx = nominal.shape, len(problem.prior_mean)
+    units = jnp.broadcast_to(jnp.eye(nu), (horizon, nu, nu))
+    factors = matched_increments(problem, units, temperature, std)
+    return Proposal(jnp.zeros((horizon, nx)), nominal, jnp.zeros((horizon, nu, nx)), factors)
+
+
 def laplace(
-    problem: Problem,
-    cost: ilqr.StateCost,
-    means: Array,
-    nominal: Array,
-    aim: Reference,
-    temperature: Array | float,
+    cost: ilqr.StateCost, problem: Problem, means: Array, aim: Reference, temperature: Array | float, fallback: Proposal
 ) -> Proposal:
-    """The optimal policy of the problem expanded about means (H+1, nx) and nominal (H, nu).
+    """The optimal policy of the problem expanded about the means (H+1, nx) of the controls of `fallback`.
 
-    Where that is not finite, as of costs too large for their second derivatives, it is the nominal with covariance S_u.
+    A state whose cost has no finite derivatives counts as if it cost nothing. Where the policy is not finite all the
+    same, as of derivatives that overflow, it is `fallback`.
     """
+    nominal = fallback.controls
     lq = ilqr.expand(problem, cost, means, nominal)
+    slopes, bends = (jnp.where(jnp.isfinite(part), part, 0.0) for part in (lq.slopes, lq.bends))
+    lq = lq._replace(slopes=slopes, bends=bends)
     found = ilqr.sweep(lq, (nominal - aim.centre) @ aim.precision, aim.precision)
-    best = Proposal(means[:-1], nominal + found.feed, found.gains, jnp.linalg.cholesky(temperature * found.inverses))
+    factors = jnp.linalg.cholesky(temperature * found.inverses)
+    best = Proposal(means[:-1], nominal + found.feed, found.gains, factors)
     finite = jnp.all(jnp.array([jnp.all(jnp.isfinite(part)) for part in best]))
-    return jax.tree.map(lambda one, other: jnp.where(finite, one, other), best, plain(means, nominal, aim, temperature))
+    return jax.tree.map(lambda one, other: jnp.where(finite, one, other), best, fallback)
 
 
-def plain(means: Array, nominal: Array, aim: Reference, temperature: Array | float) -> Proposal:
-    """Controls N(nominal_k, S_u), whatever the mean; shapes as in `laplace`."""
-    spread = jnp.linalg.cholesky(temperature * jnp.linalg.inv(aim.precision))
-    gains = jnp.zeros((*nominal.shape, means.shape[1]))
-    return Proposal(means[:-1], nominal, gains, jnp.broadcast_to(spread, (len(nominal), *spread.shape)))
-
-
-def defended(n: int) -> int:
-    """How many of n samples are drawn about the nominal: at least one of two and more."""
-    return max(round(DEFENSIVE * n), min(n - 1, 1))
+def about_nominal(n: int, mirrored: bool) -> np.ndarray:
+    """Which of n samples are drawn about the nominal (n,): one in EVERY, spread over them; of mirrored pairs
+    (`path_integral.normals`) both or none."""
+    return np.arange(n) % (-(-n // 2) if mirrored else n) % EVERY == 0
 
 
 def rollouts(
-    problem: Problem, mean: Array, policies: tuple[Proposal, Proposal], others: int, normals: Array
+    problem: Problem, mean: Array, policies: tuple[Proposal, Proposal], second: np.ndarray, normals: Array
 ) -> tuple[Array, Array, Array]:
     """Controls (H, nu, N) and means mu_1..mu_H (H, nx, N) from a mean (nx,) for normals (H, nu, N), and the log of the
-    density that the controls were drawn from (N,), up to a constant.
-
-    The first `others` samples are those of the second policy, the rest those of the first.
-    """
+    density that the controls were drawn from (N,), up to a constant; `second` (N,): which are of the second policy."""
     n = normals.shape[-1]
-    second = jnp.arange(n) < others
     whitening = tuple(jnp.linalg.inv(policy.factors) for policy in policies)
 
     def advance(at: tuple[Array, Array], given: tuple) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
@@ -116,17 +115,18 @@ def rollouts(
         def move(mu: Array, eps: Array, second: Array) -> tuple[Array, Array, Array]:
             centres = [one.controls + one.gains @ (mu - one.means) for one in now]
             drawn = [centre + one.factors @ eps for centre, one in zip(centres, now, strict=True)]
-            u = jnp.where(second, drawn[1], drawn[0])
-            off = [jnp.sum((W @ (u - centre)) ** 2) for W, centre in zip(whiten, centres, strict=True)]
-            return u, euler_step(problem.system, mu, u, problem.dt), jnp.stack(off)
+            u, own = jnp.where(second, drawn[1], drawn[0]), jnp.sum(eps**2)
+            first, other = (jnp.sum((W @ (u - centre)) ** 2) for W, centre in zip(whiten, centres, strict=True))
+            off = jnp.stack([jnp.where(second, first, own), jnp.where(second, own, other)])
+            return u, euler_step(problem.system, mu, u, problem.dt), off
 
-        u, mu, off = vmap_last(move, mapped=(True, True, True))(mu, eps, second)
+        u, mu, off = vmap_last(move, mapped=(True, True, True))(mu, eps, jnp.asarray(second))
         return (mu, squares + off), (u, mu)
 
     start = jnp.broadcast_to(mean[:, None], (len(mean), n)), jnp.zeros((2, n))
     (_, squares), (controls, means) = jax.lax.scan(advance, start, (normals, policies, whitening))
     heights = jnp.stack([jnp.sum(jnp.linalg.slogdet(W)[1]) for W in whitening])
-    shares = jnp.log(jnp.array([n - others, others]) / n)
+    shares = jnp.log(jnp.array([np.mean(~second), np.mean(second)]))
     return controls, means, jax.nn.logsumexp((shares + heights)[:, None] - 0.5 * squares, axis=0)
 
 

@@ -51,7 +51,7 @@ class MPPIBelief:
     plan_from     of a mixture: all its "components", or one Gaussian of its "moments"; with `evaluate: mean` or the
                   innovation diffusion always the moments
     proposal      where paths are sampled: about the "nominal", or by the "laplace" policy of `mppi_belief.proposals`,
-                  which has the same limit of many samples and needs far fewer
+                  which needs far fewer and has the same limit of many, unless R dt > temperature / control_std^2
     """
 
     n_samples: int = size(500)
@@ -118,12 +118,12 @@ class MPPIBelief:
             self.horizon,
             self.charge,
         )
-        given = schedule.mean, plan, aim, self.temperature
-        policies = proposals.laplace(problem, cost, *given), proposals.plain(*given)
+        fallback = proposals.plain(problem, plan, self.temperature, self.control_std)
+        guide = proposals.laplace(cost, problem, schedule.mean, aim, self.temperature, fallback)
 
         def draw(key: Array, n: int) -> tuple[Array, Array, Array]:
-            eps = self._normals(key, plan.shape[1], n)
-            controls, means, density = proposals.rollouts(problem, mean, policies, proposals.defended(n), eps)
+            eps, second = self._normals(key, plan.shape[1], n), proposals.about_nominal(n, self.antithetic)
+            controls, means, density = proposals.rollouts(problem, mean, (guide, fallback), second, eps)
             correction = proposals.correction(aim, self.temperature, controls, density)
             return controls - plan[:, :, None], means, correction
 
