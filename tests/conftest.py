@@ -16,7 +16,7 @@ from mppi_belief import targets
 
 ENDED = itertools.count(1)  # tests of this process
 # XLA's older and simpler kernels, all in one piece: they compile in a half to a quarter of the time of those of users,
-# to the same numbers but for rounding
+# to the same numbers but for rounding (jaxlib 0.10.2 has these flags; XLA ends a process that names one it has not)
 SIMPLE = "--xla_cpu_use_fusion_emitters=false --xla_cpu_parallel_codegen_split_count=1"
 
 

@@ -38,9 +38,9 @@ def test_cells_are_compared_that_differ_in_the_proposal_alone():
 
 
 def test_the_fewest_samples_are_found_that_cost_no_more():
-    most, fewest, change = saved(study()[:5], "belief")
+    most, fewest, less = saved(study()[:5], "belief")
     assert (most.samples, fewest.samples) == (500, 50)
-    assert change.value == pytest.approx(-4.0)
+    assert less.value == pytest.approx(4.0)
     assert saved(study()[:3], "belief") is None
     assert saved(study()[2:5], "belief") is None
 
@@ -48,8 +48,8 @@ def test_the_fewest_samples_are_found_that_cost_no_more():
 def test_the_section_tells_both_and_draws_the_usual_scenario(tmp_path):
     (section,) = sections({"proposals": study()}, tmp_path)
     assert "The effective sample size is 12 to 46 times that about the nominal." in section.text[1]
-    assert "MPPI-Belief with 50 samples of it costs -4.00" in section.text[1]
-    assert "against 500 about the nominal, in 0.50 ms a step for 5.00." in section.text[1]
+    assert "MPPI-Belief with 50 samples of it costs 4.00 [" in section.text[1]
+    assert "less than with 500 about the nominal, in 0.50 ms a step for 5.00." in section.text[1]
     frame = section.tables[0].frame
     assert list(frame["ESS/ms"][:4]) == ["4", "2", "95", "92"]
     assert (tmp_path / "proposals.png").stat().st_size > 0

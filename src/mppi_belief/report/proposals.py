@@ -25,7 +25,7 @@ def proposals(founds: list[Found], folder: Path) -> Section:
         [
             "The paper samples controls about a nominal that is the same for all paths. The Laplace proposal samples "
             "them from the optimal feedback policy of the problem expanded about that nominal, and corrects the "
-            "weights for it: the control in the limit of many samples is the same.",
+            "weights for it; one path in five stays about the nominal. For many samples both give the same control.",
             " ".join([*_gains(founds), *_fewest(usual)]),
         ],
         [table(folder, "proposals", "Every planner, proposal and number of samples", frame, founds)],
@@ -42,8 +42,8 @@ def twins(founds: Sequence[Found]) -> Iterator[tuple[Found, Found]]:
 
 
 def saved(founds: Sequence[Found], method: str) -> tuple[Found, Found, Estimate] | None:
-    """The nominal with most samples, the fewest from the Laplace proposal that cost for certain no more, and how much
-    more, trial by trial; None where there are none."""
+    """The nominal with most samples, the fewest from the Laplace proposal that cost less for certain, and by how much;
+    None where there are none."""
     there = [one for one in founds if one.method == method and len(one.good) > 1]
     nominal = [one for one in there if one.labels.get(KEY) == "nominal"]
     if not nominal:
@@ -52,9 +52,9 @@ def saved(founds: Sequence[Found], method: str) -> tuple[Found, Found, Estimate]
     for one in sorted(there, key=lambda one: one.samples or 0):
         if one.labels.get(KEY) == "laplace":
             first, second = paired(one, most)
-            change = paired_mean_difference(first["cost"].to_numpy(), second["cost"].to_numpy())
-            if change.high <= 0:
-                return most, one, change
+            less = paired_mean_difference(second["cost"].to_numpy(), first["cost"].to_numpy())
+            if less.low >= 0:
+                return most, one, less
     return None
 
 
@@ -68,7 +68,7 @@ def _gains(founds: Sequence[Found]) -> list[str]:
     ratios = [guided / plain for plain, guided in sizes if plain > 0 and math.isfinite(guided)]
     if not ratios:
         return []
-    return [f"The effective sample size is {min(ratios):.0f} to {max(ratios):.0f} times that about the nominal."]
+    return [f"The effective sample size is {min(ratios):.2g} to {max(ratios):.2g} times that about the nominal."]
 
 
 def _fewest(founds: Sequence[Found]) -> list[str]:
@@ -76,10 +76,10 @@ def _fewest(founds: Sequence[Found]) -> list[str]:
     text = []
     for method in dict.fromkeys(one.method for one in founds):
         if found := saved(founds, method):
-            most, one, change = found
+            most, one, less = found
             text.append(
-                f"{one.name} with {one.samples} samples of it costs {interval(change, 2)} against {most.samples} about "
-                f"the nominal{_times(one, most)}."
+                f"{one.name} with {one.samples} samples of it costs {interval(less, 2)} less than with {most.samples} "
+                f"about the nominal{_times(one, most)}."
             )
     return text
 
