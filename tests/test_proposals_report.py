@@ -52,6 +52,7 @@ def test_the_section_tells_both_and_draws_the_usual_scenario(tmp_path):
     assert "less than with 500 about the nominal, in 0.50 ms a step for 5.00." in section.text[1]
     frame = section.tables[0].frame
     assert list(frame["ESS/ms"][:4]) == ["4", "2", "95", "92"]
+    assert set(frame["system"]) == {study()[0].cell.config["names"]["system"]}
     assert (tmp_path / "proposals.png").stat().st_size > 0
     drawn = figures.proposals_figure(study()[:5]).axes[0]
     lines = {line.get_label(): line for line in drawn.containers}

@@ -17,6 +17,7 @@ KEY = "controller.proposal"
 def proposals(founds: list[Found], folder: Path) -> Section:
     """The table of all cells with effective samples a millisecond, and cost against time."""
     frame = lines(founds)
+    frame.insert(1, "system", [_scenario(one)[0] for one in founds])
     frame.insert(list(frame.columns).index("ESS") + 1, "ESS/ms", [_rate(one) for one in founds])
     alt = "Cost and effective sample size against milliseconds per step, a line a planner and proposal"
     usual = [one for one in founds if _scenario(one) == _scenario(founds[0])]

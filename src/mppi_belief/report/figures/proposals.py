@@ -34,10 +34,15 @@ def proposals_figure(founds: Sequence[Found]) -> Figure | None:
                     label = f"{NAMES.get(method, method)}, {proposal}"
                     draw(axes, times, [mean_of(column)(one) for one in cells], look(method), label=label, **more)
                 for time, one in zip(times, cells, strict=True):
+                    at, below = (time, mean_of("cost")(one).value), proposal == "laplace"
                     panels[0].annotate(
-                        str(one.samples), (time, mean_of("cost")(one).value), (3, 3), textcoords="offset points", size=6
+                        str(one.samples), at, (0, -9 if below else 4), textcoords="offset points", size=6, ha="center"
                     )
-        panels[0].set(xscale="log", ylabel="cost", xlabel="ms per step")
+        panels[0].set(xscale="log", yscale="log", ylabel="cost", xlabel="ms per step")
+        panels[0].yaxis.set_major_locator(LogLocator(subs=(1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0)))
+        panels[0].yaxis.set_major_formatter("{x:g}")
+        panels[0].yaxis.set_minor_formatter(NullFormatter())
+        panels[0].margins(y=0.12)
         panels[1].set(xscale="log", yscale="log", ylabel="effective sample size", xlabel="ms per step")
         for axes in panels:
             axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
