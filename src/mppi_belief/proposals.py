@@ -61,10 +61,9 @@ def reference(
 ) -> Reference:
     """What (19) averages over about a nominal (H, nu), with the settings of `mppi_belief.controllers.MPPIBelief`."""
     precision = girsanov_weight(problem, temperature, std, 0.0)
-    taken = jnp.linalg.solve(
-        precision, girsanov_weight(problem, temperature, std, alpha)
-    )  # symmetric: one is a multiple
-    parts, axes = jnp.linalg.eigh(symmetrise(taken))  # of the other or of I
+    # symmetric: one of them is a multiple of the other or of I
+    taken = jnp.linalg.solve(precision, girsanov_weight(problem, temperature, std, alpha))
+    parts, axes = jnp.linalg.eigh(symmetrise(taken))
     return Reference(nominal - nominal @ (axes * jnp.minimum(parts, 1.0)) @ axes.T, precision)
 
 
