@@ -51,34 +51,24 @@ class Watched:
 
 SAMPLED = {"n_samples": N, "horizon": HORIZON}
 EKF, PARTICLE = lambda: mb.EKF(), lambda: mb.ParticleFilter(PARTICLES, noise_at="mean")
+TOTAL = {"risk": "total", "charge": "start"}
+PRINTED = {"diffusion": "innovation", "schedule": "riccati", **TOTAL}
+
+
+def _sampler(numbers: Numbers, *names: str, **options: Any) -> mb.MPPIBelief:
+    return mb.MPPIBelief(**SAMPLED, **_of(numbers, "temperature", *names), **options)
+
+
 METHODS: dict[str, tuple[Callable[[], Any], Callable[[Numbers], Any]]] = {
-    "belief": (EKF, lambda n: mb.MPPIBelief(**SAMPLED, **_of(n, "temperature", "control_std", "theta"))),
-    "belief, total, matched std": (
-        EKF,
-        lambda n: mb.MPPIBelief(
-            **SAMPLED, **_of(n, "temperature", "theta"), risk="total", alpha=0.5, antithetic=True, charge="start"
-        ),
-    ),
+    "belief": (EKF, lambda n: _sampler(n, "control_std", "theta")),
+    "belief, total, matched std": (EKF, lambda n: _sampler(n, "theta", alpha=0.5, antithetic=True, **TOTAL)),
     "belief, particle": (
         lambda: mb.ParticleFilter(PARTICLES),
-        lambda n: mb.MPPIBelief(**SAMPLED, **_of(n, "temperature", "control_std", "theta"), expectation="at_mean"),
+        lambda n: _sampler(n, "control_std", "theta", expectation="at_mean"),
     ),
-    "belief, laplace": (
-        EKF,
-        lambda n: mb.MPPIBelief(**SAMPLED, **_of(n, "temperature", "control_std", "theta"), proposal="laplace"),
-    ),
-    "ce": (EKF, lambda n: mb.MPPIBelief(**SAMPLED, **_of(n, "temperature", "control_std"), evaluate="mean")),
-    "algorithm_1": (
-        EKF,
-        lambda n: mb.MPPIBelief(
-            **SAMPLED,
-            **_of(n, "temperature", "theta"),
-            diffusion="innovation",
-            risk="total",
-            charge="start",
-            schedule="riccati",
-        ),
-    ),
+    "belief, laplace": (EKF, lambda n: _sampler(n, "control_std", "theta", proposal="laplace")),
+    "ce": (EKF, lambda n: _sampler(n, "control_std", evaluate="mean")),
+    "algorithm_1": (EKF, lambda n: _sampler(n, "theta", **PRINTED)),
     "ilqg": (EKF, lambda n: mb.EKFiLQG(horizon=HORIZON, max_iterations=20)),
     "lqg": (EKF, lambda n: mb.LQG()),
     "pipf": (PARTICLE, lambda n: mb.PIPF(**SAMPLED, **_of(n, "temperature", "control_std"))),
