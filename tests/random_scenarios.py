@@ -10,6 +10,7 @@ each loop is `violations`; a trial that leaves the finite numbers must be one th
 import argparse
 from collections import Counter
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -51,6 +52,7 @@ class Watched:
 
 SAMPLED = {"n_samples": N, "horizon": HORIZON}
 EKF, PARTICLE = lambda: mb.EKF(), lambda: mb.ParticleFilter(PARTICLES, noise_at="mean")
+EACH = partial(mb.ParticleFilter, PARTICLES)
 TOTAL = {"risk": "total", "charge": "start"}
 PRINTED = {"diffusion": "innovation", "schedule": "riccati", **TOTAL}
 
@@ -62,10 +64,7 @@ def _sampler(numbers: Numbers, *names: str, **options: Any) -> mb.MPPIBelief:
 METHODS: dict[str, tuple[Callable[[], Any], Callable[[Numbers], Any]]] = {
     "belief": (EKF, lambda n: _sampler(n, "control_std", "theta")),
     "belief, total, matched std": (EKF, lambda n: _sampler(n, "theta", alpha=0.5, antithetic=True, **TOTAL)),
-    "belief, particle": (
-        lambda: mb.ParticleFilter(PARTICLES),
-        lambda n: _sampler(n, "control_std", "theta", expectation="at_mean"),
-    ),
+    "belief, particle": (EACH, lambda n: _sampler(n, "control_std", "theta", expectation="at_mean")),
     "belief, laplace": (EKF, lambda n: _sampler(n, "control_std", "theta", proposal="laplace")),
     "ce": (EKF, lambda n: _sampler(n, "control_std", evaluate="mean")),
     "algorithm_1": (EKF, lambda n: _sampler(n, "theta", **PRINTED)),
