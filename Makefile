@@ -34,7 +34,7 @@ BEYOND := information proposals two_lanes nonlinearity controlled_sensing platt_
 comma := ,
 space := $(subst ,, )
 
-beyond: install  ## the studies beyond the paper, a quarter of an hour, into outputs/beyond/index.html
+beyond: install  ## the studies beyond the paper, twenty minutes, into outputs/beyond/index.html
 	@for study in $(BEYOND); do echo "== $$study"; \
 	  $(BIN)/mppi-belief run experiment=$$study $(ARGS) || [ $$? -eq 3 ] || exit 1; done  # 3: some trials failed
 	$(BIN)/mppi-belief report experiment=$(subst $(space),$(comma),$(BEYOND)) report_dir=outputs/beyond $(ARGS)
