@@ -28,6 +28,7 @@ from mppi_belief.experiment import build  # noqa: E402
 from mppi_belief.simulate import BEFORE, FILTER, PLANNER, PLANT, draw_state, respond, role_key, seen  # noqa: E402
 from mppi_belief.study.provenance import provenance  # noqa: E402
 from rounds import one_cpu, say  # noqa: E402
+from table import origin  # noqa: E402
 
 STEPS = 60
 BELIEF = "controller=belief"
@@ -145,9 +146,8 @@ def markdown(report: dict[str, Any]) -> str:
     load = ", ".join(f"{value:.2f}" for value in report["load"])
     lines += [
         "",
-        f"{report['started']}, commit {report['commit'] or 'unknown'}{' (changed)' if report['dirty'] else ''}; "
-        f"{report['processor']}, {report['platform']}; load average before {load}; {report['rounds']} rounds of "
-        f"{STEPS} calls, float32, one thread on one CPU.",
+        f"{origin(report)}; load average before {load}; {report['rounds']} rounds of {STEPS} calls, float32, "
+        "one thread on one CPU.",
     ]
     return "\n".join(lines)
 

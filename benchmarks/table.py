@@ -73,6 +73,13 @@ def _table(rows: dict[str, dict[str, Any]]) -> str:
     return "\n".join(lines)
 
 
+def origin(report: dict[str, Any]) -> str:
+    """When it was measured, at which commit, on which machine."""
+    changed = " (changed)" if report["dirty"] else ""
+    commit = f"{report['commit'] or 'unknown'}{changed}"
+    return f"{report['started']}, commit {commit}; {report['processor']}, {report['platform']}"
+
+
 def _machine(report: dict[str, Any]) -> str:
     """Where and when: date, commit, machine, load; how each was set up, with versions."""
     setups: dict[str, list[str]] = {}
@@ -83,8 +90,7 @@ def _machine(report: dict[str, Any]) -> str:
     load = ", ".join(f"{value:.2f}" for value in report["load"])
     return "\n".join(
         [
-            f"{report['started']}, commit {report['commit'] or 'unknown'}{' (changed)' if report['dirty'] else ''}; "
-            f"{report['processor']}, {report['platform']}; load average before the first round {load}; "
+            f"{origin(report)}; load average before the first round {load}; "
             f"{report['rounds']} rounds of {report['calls']} calls, one thread on one CPU.",
             "",
             *(f"- {', '.join(labels)}: {said}" for said, labels in setups.items()),

@@ -7,11 +7,10 @@ from pathlib import Path
 from . import figures
 from .blocks import lines, picture, table
 from .cells import Found, paired
+from .figures.proposals import KEY
 from .page import Section
 from .statistics import Estimate, paired_mean_difference
 from .summary import interval, plain, summary
-
-KEY = "controller.proposal"
 
 
 def proposals(founds: list[Found], folder: Path) -> Section:
@@ -66,7 +65,7 @@ def _scenario(found: Found) -> tuple[str, str]:
 def _gains(founds: Sequence[Found]) -> list[str]:
     """What the proposal does to the effective sample size, over all pairs of cells."""
     sizes = [(summary(one.rows, None).ess, summary(other.rows, None).ess) for one, other in twins(founds)]
-    ratios = [guided / plain for plain, guided in sizes if plain > 0 and math.isfinite(guided)]
+    ratios = [guided / before for before, guided in sizes if before > 0 and math.isfinite(guided)]
     if not ratios:
         return []
     return [f"The effective sample size is {min(ratios):.2g} to {max(ratios):.2g} times that about the nominal."]
