@@ -15,7 +15,7 @@ from collections.abc import Callable
 from statistics import median
 from typing import Any, NamedTuple
 
-from mppi_belief.study import environment
+from mppi_belief.config import environment
 
 environment.prepare()
 
@@ -23,10 +23,10 @@ import jax  # noqa: E402  the environment must be set before JAX starts
 
 from document import write_between  # noqa: E402
 from environments import ROOT  # noqa: E402
-from mppi_belief.composing import collect  # noqa: E402
-from mppi_belief.experiment import build  # noqa: E402
+from mppi_belief.config.compose import collect  # noqa: E402
+from mppi_belief.results.provenance import provenance  # noqa: E402
 from mppi_belief.simulate import BEFORE, FILTER, PLANNER, PLANT, draw_state, respond, role_key, seen  # noqa: E402
-from mppi_belief.study.provenance import provenance  # noqa: E402
+from mppi_belief.trial import build  # noqa: E402
 from rounds import one_cpu, say  # noqa: E402
 from table import origin  # noqa: E402
 

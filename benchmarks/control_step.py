@@ -17,8 +17,8 @@ import environments
 import rounds
 from contestants import Contestant, choose
 from document import write_between
-from mppi_belief.study import environment
-from mppi_belief.study.provenance import provenance
+from mppi_belief.config import environment
+from mppi_belief.results.provenance import provenance
 from table import DTYPES, markdown, summary
 from workload import workload
 

@@ -20,7 +20,7 @@ from typing import Any
 import rounds
 from document import write_between
 from environments import ROOT
-from mppi_belief.study.provenance import provenance
+from mppi_belief.results.provenance import provenance
 from remote import SubjectError
 from scaling import long_run, samples, start_up, sweep, table_1
 from scaling.processes import CommandError

@@ -12,7 +12,7 @@ import json
 from dataclasses import replace
 from typing import Any, NamedTuple
 
-from mppi_belief.study import environment
+from mppi_belief.config import environment
 
 environment.prepare()
 
@@ -23,9 +23,9 @@ from jax import Array  # noqa: E402
 from document import write_between  # noqa: E402
 from environments import ROOT  # noqa: E402
 from mppi_belief import MPPIBelief  # noqa: E402
-from mppi_belief.composing import collect  # noqa: E402
-from mppi_belief.experiment import Experiment, build, time_steps  # noqa: E402
+from mppi_belief.config.compose import collect  # noqa: E402
 from mppi_belief.simulate import closed_loop  # noqa: E402
+from mppi_belief.trial import Experiment, build, time_steps  # noqa: E402
 
 SAMPLES = (50, 150, 500, 1500, 5000)
 STEPS = range(0, 30, 3)  # of the trial: the obstacles are passed in its first 3 s

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from mppi_belief.composing import collect
+from mppi_belief.config.compose import collect
 
 
 def workload(overrides: list[str] | None = None) -> dict[str, Any]:

@@ -2,11 +2,11 @@
 
 from pathlib import Path
 
-from mppi_belief.cli import collect
+from mppi_belief.cli.main import collect
+from mppi_belief.cli.overview import as_run
 from mppi_belief.report import figures
-from mppi_belief.report.cells import find
-from mppi_belief.report.overview import as_run
-from mppi_belief.study.plan import Cell
+from mppi_belief.report.cell_results import find
+from mppi_belief.run.plan import Cell
 
 FOLDER = Path("docs/img")
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from mppi_belief.certificate import Certificate
+from mppi_belief.results.certificate import Certificate
 
 
 def assert_holds(certificate: Certificate) -> None:

@@ -13,7 +13,9 @@ from typing import Any, NamedTuple
 
 import pytest
 
-from mppi_belief import cli, composing, targets
+from mppi_belief.cli import main as cli
+from mppi_belief.config import compose as composing
+from mppi_belief.config import targets
 
 COMMAND = str(Path(sys.executable).with_name("mppi-belief"))
 CONF = composing.conf_dir()

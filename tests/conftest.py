@@ -12,7 +12,7 @@ import pytest
 
 import mppi_belief as mb
 from helpers import Scalar, float64, light_dark_problem, quick_jit
-from mppi_belief import targets
+from mppi_belief.config import targets
 
 ENDED = itertools.count(1)  # tests of this process
 # XLA's older and simpler kernels, all in one piece: they compile in a half to a quarter of the time of those of users,

@@ -19,8 +19,8 @@ from jax import Array
 
 import mppi_belief as mb
 from helpers import quick_jit
+from mppi_belief.config.environment import prepare
 from mppi_belief.simulate import closed_loop
-from mppi_belief.study.environment import prepare
 
 N, HORIZON, STEPS, PARTICLES, BATCH = 32, 6, 6, 16, 500
 SIZES = ((1, 1, 1), (2, 1, 1), (3, 2, 2), (4, 2, 3), (6, 3, 4))  # nx, nu, ny of the linear systems

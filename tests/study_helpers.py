@@ -10,11 +10,11 @@ from pathlib import Path
 from types import FrameType
 from typing import Any, NamedTuple
 
-from mppi_belief.settings import ConfigError
-from mppi_belief.study.lanes import Lanes
-from mppi_belief.study.plan import Cell, Chunk
-from mppi_belief.study.pool import Pool
-from mppi_belief.study.worker import Setup
+from mppi_belief.config.settings import ConfigError
+from mppi_belief.run.local import Lanes
+from mppi_belief.run.plan import Cell, Chunk
+from mppi_belief.run.pool import Pool
+from mppi_belief.run.worker import Setup
 
 TESTS = str(Path(__file__).resolve().parent)
 

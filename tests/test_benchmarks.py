@@ -28,7 +28,7 @@ import rounds  # noqa: E402
 import subject  # noqa: E402
 import table  # noqa: E402
 import workload as work  # noqa: E402
-from mppi_belief.experiment import build  # noqa: E402
+from mppi_belief.trial import build  # noqa: E402
 
 
 @pytest.fixture(scope="module")

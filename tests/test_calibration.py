@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from cli_helpers import collect
-from mppi_belief.experiment import build
 from mppi_belief.report import published
+from mppi_belief.trial import build
 
 FOLDER = Path(__file__).parents[1] / "experiments" / "calibration"
 

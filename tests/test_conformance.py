@@ -18,10 +18,10 @@ import pytest
 from cli_helpers import CONF, PLANNER, collect, compose
 from experiment_helpers import compiled_quickly
 from helpers import float64
-from mppi_belief.composing import RUNTIME_KEYS
-from mppi_belief.experiment import Experiment, build, check, run_trials
+from mppi_belief.config.compose import RUNTIME_KEYS
 from mppi_belief.problem import ClosedFormCost, Cost, System
-from mppi_belief.study.plan import Cell
+from mppi_belief.run.plan import Cell
+from mppi_belief.trial import Experiment, build, check, run_trials
 
 GROUPS = ("system", "cost", "filter", "controller", "sweep", "experiment")
 OPTIONS = {group: sorted(path.stem for path in CONF.glob(f"{group}/*.yaml")) for group in GROUPS}

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from mppi_belief.certificate import NAMES
+from mppi_belief.results.certificate import NAMES
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCUMENTS = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), *(ROOT / "experiments").rglob("*.md")])

@@ -13,8 +13,8 @@ import mppi_belief as mb
 from cli_helpers import compose, python
 from experiment_helpers import compiled_quickly
 from helpers import light_dark_problem
-from mppi_belief.experiment import run_trials
 from mppi_belief.simulate import Metrics
+from mppi_belief.trial import run_trials
 
 # cost, running cost, terminal cost, clearance (m), final distance (m), mean effective sample size of
 # trials 0, 1, 2 in double precision. A change of these numbers is a change of the algorithm: raise

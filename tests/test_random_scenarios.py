@@ -8,10 +8,11 @@ import pytest
 import mppi_belief as mb
 import random_scenarios
 from helpers import Feedback, float64, light_dark_problem, quick_jit
-from mppi_belief import belief, gaussians
-from mppi_belief import path_integral as pi
-from mppi_belief.experiment.trials import divergence
-from mppi_belief.linalg import decorrelated, semidefinite_root, triangular_root
+from mppi_belief.belief import gaussian as gaussians
+from mppi_belief.belief import kalman as belief
+from mppi_belief.numerics.linalg import decorrelated, semidefinite_root, triangular_root
+from mppi_belief.planning import path_integral as pi
+from mppi_belief.trial.trials import divergence
 
 TINY = float(np.finfo(np.float32).eps)
 

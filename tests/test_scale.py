@@ -10,7 +10,7 @@ import pytest
 
 import study_helpers
 from cli_helpers import restored
-from mppi_belief.study import results
+from mppi_belief.results import table as results
 
 ROOT = Path(__file__).resolve().parents[1]
 FOLDER = ROOT / "benchmarks"

@@ -10,7 +10,7 @@ from jax import Array
 
 import mppi_belief as mb
 from helpers import Info
-from mppi_belief.pytree import choice, number, struct
+from mppi_belief.structs import choice, number, struct
 
 CALLS: list[str] = []
 SPOILABLE = ("f", "G", "H", "c", "sigma_o", "position", "clearance")

@@ -12,10 +12,11 @@ from pathlib import Path
 from typing import Any
 
 import rounds
-from mppi_belief.study import environment, executors
-from mppi_belief.study.plan import IDENTITY, Cell, Chunk
-from mppi_belief.study.pool import Pool, Workers
-from mppi_belief.study.worker import Setup
+from mppi_belief.config import environment
+from mppi_belief.run import executors
+from mppi_belief.run.plan import IDENTITY, Cell, Chunk
+from mppi_belief.run.pool import Pool, Workers
+from mppi_belief.run.worker import Setup
 
 from .sizes import Sizes
 

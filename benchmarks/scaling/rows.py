@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 import rounds
-from mppi_belief.study import results
+from mppi_belief.results import table as results
 
 from .sizes import Sizes
 

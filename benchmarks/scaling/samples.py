@@ -8,7 +8,7 @@ from statistics import median
 from typing import Any
 
 import rounds
-from mppi_belief.study.environment import cache_dir
+from mppi_belief.config.environment import cache_dir
 from plant import WARM_UP
 from remote import SubjectError
 from table import summary

@@ -15,11 +15,11 @@ from subjects.ours import config_of, versions
 import jax  # isort: skip  the environment that `ours` sets must be there before JAX starts
 import jax.numpy as jnp
 
-from mppi_belief.belief import gain_schedule
-from mppi_belief.experiment import build
-from mppi_belief.gaussians import prior
-from mppi_belief.noise import standard_normal
-from mppi_belief.path_integral import rollouts
+from mppi_belief.belief.gaussian import prior
+from mppi_belief.belief.kalman import gain_schedule
+from mppi_belief.numerics.normals import standard_normal
+from mppi_belief.planning.path_integral import rollouts
+from mppi_belief.trial import build
 
 PARTS = {
     "normals": ("ce", ("normals",)),

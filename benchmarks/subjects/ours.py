@@ -1,4 +1,4 @@
-"""The controllers of mppi-belief, timed as its own Time column is (`mppi_belief.experiment.time_steps`).
+"""The controllers of mppi-belief, timed as its own Time column is (`mppi_belief.trial.time_steps`).
 
 Compiled, in closed loop with measurements and filter, which are not timed; the state comes as an array of JAX and the
 control and the next plan are waited for.
@@ -7,15 +7,15 @@ control and the next plan are waited for.
 import os
 from importlib.metadata import version
 
-from mppi_belief.study import environment
+from mppi_belief.config import environment
 
 environment.prepare()
 
 import jax  # noqa: E402  the environment must be set before JAX starts
 import jax.numpy as jnp  # noqa: E402
 
-from mppi_belief.composing import collect  # noqa: E402
-from mppi_belief.experiment import build, time_steps  # noqa: E402
+from mppi_belief.config.compose import collect  # noqa: E402
+from mppi_belief.trial import build, time_steps  # noqa: E402
 from plant import WARM_UP, Workload, judge, plant_step  # noqa: E402
 
 

@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 import scenario
-from mppi_belief.study import environment
+from mppi_belief.config import environment
 
 HERE = Path(__file__).parent
 NAMES = tuple(scenario.OPEN)

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from mppi_belief.cli import collect
+from mppi_belief.cli.main import collect
 from mppi_belief.report import published
 from mppi_belief.report.agreement import mean_z, proportion_z, spread_z
 
@@ -106,7 +106,7 @@ def configure(base: dict[str, Any], at: dict[str, Any]) -> dict[str, Any]:
 
 def run(config: dict[str, Any], trials: Sequence[int]) -> list[dict[str, Any]]:
     """Rows of these trials."""
-    from mppi_belief.experiment import KEPT_PATHS, run_trials
+    from mppi_belief.trial import KEPT_PATHS, run_trials
 
     return run_trials(config, [KEPT_PATHS + trial for trial in trials]).rows
 

@@ -21,7 +21,7 @@ from optuna.storages import JournalStorage
 from optuna.storages.journal import JournalFileBackend
 
 import scenario
-from mppi_belief.study import environment
+from mppi_belief.config import environment
 
 QUICK = ("belief", "ce", "ilqg")
 STAGES = ((QUICK, 24), (QUICK, 72), (QUICK, 200), (("pipf",), 50))

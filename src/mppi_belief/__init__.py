@@ -50,11 +50,11 @@ _HOME = {
     "consistency": "simulate",
     "metrics": "simulate",
     "simulate_trial": "simulate",
-    "struct": "pytree",
-    "number": "pytree",
-    "array": "pytree",
-    "size": "pytree",
-    "choice": "pytree",
+    "struct": "structs",
+    "number": "structs",
+    "array": "structs",
+    "size": "structs",
+    "choice": "structs",
 }
 
 __all__ = [*_HOME, "__version__"]

@@ -21,7 +21,7 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 from jax import Array
 
-from .pytree import array, number, size, struct
+from .structs import array, number, size, struct
 
 
 class Belief(NamedTuple):
@@ -37,7 +37,7 @@ class System(Protocol):
 
     A system whose measurements wrap, as angles do, also has `difference(y, predicted)`, (ny,) and (ny,) -> (ny,): how
     far a measurement is from another, 0 where they are the same. Without it that is y - predicted. One whose sensor
-    can be turned has `aimed`, see `mppi_belief.belief.aimed`.
+    can be turned has `aimed`, see `mppi_belief.belief.kalman.aimed`.
     """
 
     @property
@@ -101,7 +101,7 @@ class CostMoments(NamedTuple):
 
 @runtime_checkable
 class ClosedFormCost(Cost, Protocol):
-    """A cost that knows its Gaussian moments; others are integrated by `mppi_belief.quadrature`."""
+    """A cost that knows its Gaussian moments; others are integrated by `mppi_belief.numerics.quadrature`."""
 
     def running_moments(self, mean: Array, cov: Array) -> CostMoments:
         """Moments under N(mean, cov)."""

@@ -11,11 +11,11 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from .belief import aimed_ahead, forecast
+from .belief.gaussian import drawn_mode
+from .belief.kalman import aimed_ahead, forecast
 from .discretise import euler_step, measurement_difference, measurement_factor
-from .gaussians import drawn_mode
-from .linalg import psd_factor, quadratic_form, squared_distance
-from .noise import standard_normal
+from .numerics.linalg import psd_factor, quadratic_form, squared_distance
+from .numerics.normals import standard_normal
 from .problem import Belief, Controller, Filter, Problem
 
 PLANT, FILTER, PLANNER = range(3)

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import pandas as pd
 
 from cli_helpers import COMMAND
-from mppi_belief.study import results
+from mppi_belief.results import table as results
 from study_helpers import poll
 
 MINE = str(Path(__file__).parent / "mine")

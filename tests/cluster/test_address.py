@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from cli_helpers import started
-from mppi_belief.study import results
+from mppi_belief.results import table as results
 from slurm_helpers import STUDY, TRIALS, parts, rows, run
 from study_helpers import limited, poll
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from cli_helpers import COMMAND
-from mppi_belief.study import results
+from mppi_belief.results import table as results
 from slurm_helpers import STUDY, jobs, no_jobs, parts, rows, run
 from study_helpers import limited, poll
 

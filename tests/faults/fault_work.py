@@ -5,10 +5,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from mppi_belief.study.lanes import Lanes
-from mppi_belief.study.plan import Cell, Chunk
-from mppi_belief.study.pool import Pool
-from mppi_belief.study.worker import Setup
+from mppi_belief.run.local import Lanes
+from mppi_belief.run.plan import Cell, Chunk
+from mppi_belief.run.pool import Pool
+from mppi_belief.run.worker import Setup
 from study_helpers import TESTS, config, poll
 
 HERE = str(Path(__file__).parent)

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import pandas as pd
 
 from cli_helpers import COMMAND, TIMEOUT, started
-from mppi_belief.study import results
+from mppi_belief.results import table as results
 from study_helpers import members, poll
 
 N_TRIALS = 30

@@ -9,7 +9,7 @@ import os
 import pytest
 
 from faults_helpers import Run
-from mppi_belief.study import results
+from mppi_belief.results import table as results
 
 BACKWARDS = """
 import time

@@ -8,7 +8,8 @@ import pytest
 
 from cli_helpers import collect
 from faults_helpers import N_TRIALS, SMALL, Run
-from mppi_belief.study import plan, results
+from mppi_belief.results import table as results
+from mppi_belief.run import plan
 
 
 @pytest.fixture

@@ -9,8 +9,8 @@ import pytest
 
 from cli_helpers import python
 from faults_helpers import N_TRIALS, STOPPED, STUDY, Run, begins, gone_after, when
-from mppi_belief.study.results import result_hash
-from mppi_belief.study.signals import held, polite_stop
+from mppi_belief.results.table import result_hash
+from mppi_belief.run.signals import held, polite_stop
 from study_helpers import poll
 
 
@@ -113,7 +113,7 @@ def test_a_process_that_is_started_while_signals_wait_does_not_get_them(tmp_path
     """Not even the first: Python's own helper of its processes lets signals in again when it starts."""
     script = (
         "import multiprocessing, signal\n"
-        "from mppi_belief.study.signals import STOPPING, masked\n"
+        "from mppi_belief.run.signals import STOPPING, masked\n"
         "if __name__ == '__main__':\n"
         "    with masked():\n"
         "        multiprocessing.get_context('spawn').SimpleQueue()\n"

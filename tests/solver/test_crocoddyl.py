@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import mppi_belief as mb
-from mppi_belief import ilqr
+from mppi_belief.planning import ilqr
 
 DT, HORIZON, R, QX, QT = 0.05, 40, 0.1, np.array([2.0, 0.2]), np.array([20.0, 2.0])
 SETTINGS = ilqr.Settings(tolerance=1e-12, max_iterations=300, damping=1e-6, factor=4.0, most=1e8)

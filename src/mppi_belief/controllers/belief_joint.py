@@ -11,13 +11,13 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from .. import path_integral as pi
-from ..belief import filter_step, gain_schedule
-from ..belief_cost import expected_terminal, risk_sensitive
-from ..componentwise import componentwise
-from ..gaussians import RootBelief, covariance, rooted
+from ..belief.cost import expected_terminal, risk_sensitive
+from ..belief.gaussian import RootBelief, covariance, rooted
+from ..belief.kalman import filter_step, gain_schedule
+from ..numerics.scalarized import componentwise
+from ..planning import path_integral as pi
 from ..problem import Belief, Problem
-from ..pytree import choice, number, size, struct
+from ..structs import choice, number, size, struct
 
 
 @struct

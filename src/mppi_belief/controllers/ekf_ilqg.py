@@ -7,10 +7,10 @@ horizon and cost. Each step starts from the last plan, shifted and followed with
 import jax.numpy as jnp
 from jax import Array
 
-from .. import ilqr
-from ..belief_cost import certainty_equivalent
+from ..belief.cost import certainty_equivalent
+from ..planning import ilqr
 from ..problem import Belief, Problem
-from ..pytree import choice, number, size, struct
+from ..structs import choice, number, size, struct
 
 
 @struct

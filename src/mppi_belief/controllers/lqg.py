@@ -9,9 +9,9 @@ obstacles it ignores them: the cost of the free road.
 import jax.numpy as jnp
 from jax import Array
 
-from .. import ilqr
+from ..planning import ilqr
 from ..problem import Belief, Problem
-from ..pytree import choice, size, struct
+from ..structs import choice, size, struct
 
 
 @struct

@@ -13,19 +13,20 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from .. import ilqr, proposals
-from .. import path_integral as pi
-from ..belief import GainSchedule, diffusion_factors, gain_schedule
-from ..belief_cost import (
+from ..belief.cost import (
     certainty_equivalent,
     expected_terminal,
     mixture_risk_sensitive,
     mixture_terminal,
     risk_sensitive,
 )
-from ..gaussians import MixtureBelief, RootBelief, mixture_cov
+from ..belief.gaussian import MixtureBelief, RootBelief, mixture_cov
+from ..belief.kalman import GainSchedule, diffusion_factors, gain_schedule
+from ..planning import ilqr
+from ..planning import path_integral as pi
+from ..planning import samplers as proposals
 from ..problem import Belief, Problem
-from ..pytree import choice, number, size, struct
+from ..structs import choice, number, size, struct
 
 Rate = Callable[[Array, Array], Array]
 Sampler = Callable[[Array, int], tuple[Array, Array, Array]]  # key, N -> increments, means, what (19) adds to costs
@@ -41,16 +42,16 @@ class MPPIBelief:
     alpha         Girsanov term gamma nominal' S_u^-1 delta with gamma = lambda (1 - alpha) (Williams
                   et al. 2018); None takes nominal' R delta dt, which is alpha = 0 in the exact case
     antithetic    sample in mirrored pairs: half the normals, less variance
-    diffusion     "matched" or "innovation", see `mppi_belief.path_integral`
+    diffusion     "matched" or "innovation", see `mppi_belief.planning.path_integral`
     evaluate      "belief" charges q_RS, "mean" the cost at the mean (certainty equivalence)
     theta, risk   Remark 4 and what its variance is taken of
-    expectation   "exact" or "at_mean": how the obstacle penalty is expected, see `mppi_belief.belief_cost`
-    charge        the end of a step at which q is charged, see `mppi_belief.path_integral.path_costs`
+    expectation   "exact" or "at_mean": how the obstacle penalty is expected, see `mppi_belief.belief.cost`
+    charge        the end of a step at which q is charged, see `mppi_belief.planning.path_integral.path_costs`
     sees_state    an oracle: told the true state instead of the belief
-    schedule      how the covariance is planned, see `mppi_belief.belief.gain_schedule`
+    schedule      how the covariance is planned, see `mppi_belief.belief.kalman.gain_schedule`
     plan_from     of a mixture: all its "components", or one Gaussian of its "moments"; with `evaluate: mean` or the
                   innovation diffusion always the moments
-    proposal      where paths are sampled: about the "nominal", or by the "laplace" policy of `mppi_belief.proposals`,
+    proposal      where paths are sampled: about the "nominal", or by the "laplace" policy of `planning.samplers`,
                   which needs far fewer and has the same limit of many, unless R dt > temperature / control_std^2
     """
 

@@ -19,11 +19,11 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from .. import path_integral as pi
-from ..belief_cost import certainty_equivalent
+from ..belief.cost import certainty_equivalent
 from ..filters.particle import ParticleBelief
+from ..planning import path_integral as pi
 from ..problem import Problem
-from ..pytree import choice, number, size, struct
+from ..structs import choice, number, size, struct
 
 
 class PIPFInfo(NamedTuple):

@@ -3,15 +3,15 @@
 import jax.numpy as jnp
 from jax import Array
 
-from .. import belief as gaussian
-from ..gaussians import RootBelief, prior_mixture
+from ..belief import kalman as gaussian
+from ..belief.gaussian import RootBelief, prior_mixture
 from ..problem import Belief, Problem
-from ..pytree import struct
+from ..structs import struct
 
 
 @struct
 class EKF:
-    """The discrete recursion of `mppi_belief.belief`, noise and Jacobians at the predicted mean."""
+    """The discrete recursion of `mppi_belief.belief.kalman`, noise and Jacobians at the predicted mean."""
 
     def init(self, problem: Problem, key: Array) -> RootBelief:
         if problem.prior_modes is not None:

@@ -10,12 +10,12 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from .. import belief as gaussian
+from ..belief import kalman as gaussian
+from ..belief.gaussian import MixtureBelief, RootBelief, prior_mixture
 from ..discretise import measurement_cov
-from ..gaussians import MixtureBelief, RootBelief, prior_mixture
-from ..linalg import decorrelated
+from ..numerics.linalg import decorrelated
 from ..problem import Problem
-from ..pytree import struct
+from ..structs import struct
 
 
 @struct

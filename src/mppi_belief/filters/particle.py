@@ -15,12 +15,12 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
+from ..belief.gaussian import drawn_mode
 from ..discretise import euler_step, measurement_cov, measurement_difference
-from ..gaussians import drawn_mode
-from ..linalg import log_det_spd, psd_factor, quadratic_form, spd_inverse, symmetrise
-from ..noise import standard_normal
+from ..numerics.linalg import log_det_spd, psd_factor, quadratic_form, spd_inverse, symmetrise
+from ..numerics.normals import standard_normal
 from ..problem import Problem
-from ..pytree import choice, number, size, struct
+from ..structs import choice, number, size, struct
 
 
 class ParticleBelief(NamedTuple):

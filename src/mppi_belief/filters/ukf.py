@@ -8,7 +8,7 @@ and the filter corrects as Kalman's does for the slope M' and the noise R_s + Om
 Theorem 1 and Omega what it leaves: the part of c outside the tangent space of Gaussian means is taken for noise, where
 the extended filter leaves it out. R_s is that at the predicted mean, as there.
 
-Points are those of the rule of degree 5 in `mppi_belief.quadrature`; beyond 4 states, where some of its weights are
+Points are those of the rule of degree 5 in `numerics.quadrature`; beyond 4 states, where some of its weights are
 negative, the 2 nx points of degree 3 (Arasaratnam and Haykin 2009). With no negative weight and no covariance
 subtracted from another, beliefs stay roots and covariances positive semidefinite.
 """
@@ -20,13 +20,13 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from ..belief import absorb
+from ..belief.gaussian import RootBelief, covariance, rooted
+from ..belief.kalman import absorb
 from ..discretise import euler_step, measurement_cov, measurement_difference
-from ..gaussians import RootBelief, covariance, rooted
-from ..linalg import triangular_root
+from ..numerics.linalg import triangular_root
+from ..numerics.quadrature import rule
 from ..problem import Belief, Problem
-from ..pytree import struct
-from ..quadrature import rule
+from ..structs import struct
 
 MOST_STATES = 4  # up to which no weight of the rule of degree 5 is negative
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import pandas as pd
 
 from . import published
-from .cells import Found, paired, titles
+from .cell_results import Found, paired, titles
 from .statistics import Estimate, paired_mean_difference, paired_rate_difference
 from .summary import Summary, interval, summary
 

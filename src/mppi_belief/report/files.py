@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from ..study.files import write_whole
+from ..results.files import write_whole
 
 
 def write_text(path: Path, text: str) -> None:

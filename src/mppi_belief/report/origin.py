@@ -4,7 +4,7 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 from . import published
-from .cells import Found
+from .cell_results import Found
 
 
 def provenance(founds: Sequence[Found]) -> list[tuple[str, str]]:

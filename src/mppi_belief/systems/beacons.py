@@ -17,7 +17,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from ..obstacles import Obstacles
-from ..pytree import array, choice, number, struct
+from ..structs import array, choice, number, struct
 
 
 @struct

@@ -6,7 +6,7 @@ dx = (A x + B u) dt + H dw,      dy = C x dt + sigma_o dnu
 import jax.numpy as jnp
 from jax import Array
 
-from ..pytree import array, choice, struct
+from ..structs import array, choice, struct
 
 
 @struct

@@ -6,7 +6,7 @@ dx = (a x + b u) dt + sigma_w dw,      dy = c x dt + sigma_o dnu
 import jax.numpy as jnp
 from jax import Array
 
-from ..pytree import choice, number, struct
+from ..structs import choice, number, struct
 
 
 @struct

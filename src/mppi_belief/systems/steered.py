@@ -1,6 +1,6 @@
 """A linear system whose sensor can be turned, so that matching (15) holds in any dimension (arXiv 2604.18941).
 
-    dx = (A x + B u) dt + H dw,      dy = C(Sigma) x dt + sigma_o dnu,      C(Sigma) of `mppi_belief.sensing`
+    dx = (A x + B u) dt + H dw,      dy = C(Sigma) x dt + sigma_o dnu,      C(Sigma) of `mppi_belief.matching.sensor`
 
 With `selector: matched` C follows the covariance of the belief; with `fixed` it is the matrix given.
 """
@@ -11,9 +11,9 @@ import jax.numpy as jnp
 from jax import Array
 
 from ..discretise import measurement_factor
-from ..linalg import as_matrix
-from ..pytree import array, choice, number, size, struct
-from ..sensing import matching_sensor
+from ..matching.sensor import matching_sensor
+from ..numerics.linalg import as_matrix
+from ..structs import array, choice, number, size, struct
 
 
 @struct

@@ -17,18 +17,18 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from .. import path_integral as pi
-from ..belief import diffusion_factors, gain_schedule
-from ..belief_cost import expected_terminal, risk_sensitive
-from ..certificate import Check, at_most, rounding
+from ..belief.cost import expected_terminal, risk_sensitive
+from ..belief.kalman import diffusion_factors, gain_schedule
 from ..controllers import MPPIBelief
 from ..costs import GoalObstacleCost
-from ..matching import matched_weight, residual
+from ..matching.weights import matched_weight, residual
 from ..obstacles import Obstacles
+from ..planning import path_integral as pi
 from ..problem import Belief, Cost, Problem
+from ..results.certificate import Check, at_most, rounding
 from ..systems import ScalarLinear
-from .numerics import quick_jit
 from .pde import Equation, Quadratic
+from .precision import quick_jit
 
 REACH = 7.0  # of the grids; from there the optimum does not come near the obstacles before T
 BLOCK = 4096  # grid points whose cost is computed at once, so that grids of any size compile once

@@ -12,15 +12,15 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from ..belief import GainSchedule, gain_schedule
-from ..certificate import EPSILON, Certificate, Check, at_most, near, rounding
-from ..gaussians import prior
-from ..linalg import psd_factor
-from ..matching import best_constant_weight, best_weight, matched_weight, numerical_rank, residual
+from ..belief.gaussian import prior
+from ..belief.kalman import GainSchedule, gain_schedule
+from ..config.settings import ConfigError
+from ..matching.affine import gaussian_nodes, outside_mean_tangent
+from ..matching.weights import best_constant_weight, best_weight, matched_weight, numerical_rank, residual
+from ..numerics.linalg import psd_factor
 from ..problem import Controller, Filter, Problem
-from ..settings import ConfigError
+from ..results.certificate import EPSILON, Certificate, Check, at_most, near, rounding
 from ..simulate import simulate_trial
-from ..tangent import gaussian_nodes, outside_mean_tangent
 
 PLACES = 8  # means along the trial at which functions are examined
 PRODUCTS = 100  # of a step of the Riccati flow: its exponential, the doublings, two solves in each

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import jax
 
-from ..certificate import Certificate
+from ..results.certificate import Certificate
 
 
 class Done(NamedTuple):
@@ -27,7 +27,7 @@ def certify(name: str, seed: int) -> Done:
     began = time.perf_counter()
     try:
         with jax.enable_x64(True):
-            made = import_module(f"mppi_belief.verify.{name}").certify(seed)
+            made = import_module(f"mppi_belief.verify.certificates.{name}").certify(seed)
     except Exception as error:
         return _lost(name, error, time.perf_counter() - began)
     return Done(name, made, "", time.perf_counter() - began)

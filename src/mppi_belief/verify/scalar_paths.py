@@ -13,8 +13,8 @@ from jax import Array
 from ..costs import GoalObstacleCost
 from ..obstacles import Obstacles
 from ..problem import Belief, Filter, Problem, System
-from ..pytree import choice, number, struct
 from ..simulate import BEFORE, PLANT, draw_state, plant_step, role_key
+from ..structs import choice, number, struct
 from . import kushner
 from .kushner import Moments, Reals
 

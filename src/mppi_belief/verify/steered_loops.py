@@ -25,12 +25,12 @@ import numpy as np
 from jax import Array
 from scipy.linalg import solve_discrete_are
 
-from ..certificate import Check, Line, Panel, at_least, largest_z, near, quantile, within_errors
 from ..controllers import MPPIBelief
 from ..costs import GoalObstacleCost
 from ..filters import EKF
 from ..obstacles import Obstacles
 from ..problem import Problem
+from ..results.certificate import Check, Line, Panel, at_least, largest_z, near, quantile, within_errors
 from ..simulate import metrics, simulate_trial
 from ..systems import Steered
 

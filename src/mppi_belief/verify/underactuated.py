@@ -12,11 +12,11 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from .. import path_integral as pi
-from ..certificate import Check, order, rounding
 from ..costs import GoalObstacleCost
 from ..obstacles import Obstacles
+from ..planning import path_integral as pi
 from ..problem import Problem
+from ..results.certificate import Check, order, rounding
 from ..systems import Linear
 from .matched_problem import Steady, matching_check, steady
 

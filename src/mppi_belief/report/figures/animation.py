@@ -16,8 +16,8 @@ from matplotlib.patches import Ellipse
 from matplotlib.text import Text
 from PIL import Image
 
-from ...study.files import write_whole
-from ..cells import Found
+from ...results.files import write_whole
+from ..cell_results import Found
 from .plane import (
     LIGHT,
     SIDE_BY_SIDE,

@@ -12,7 +12,7 @@ from .points import draw
 from .style import BLUE, COLUMN, GREEN, GREY, OTHER, STYLE, Look
 
 if TYPE_CHECKING:
-    from ..consistency import Point
+    from ..sections.nonlinearity import Point
 
 LOOKS = {"ekf": Look(BLUE, "o", "-"), "ukf": Look(GREEN, "^", "-.")}
 FAR = 3.0  # a NEES by its degrees of freedom from which on an axis is logarithmic

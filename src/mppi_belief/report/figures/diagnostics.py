@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, NullLocator
 
 from .. import published
-from ..cells import Found
+from ..cell_results import Found
 from .points import collision_rate, dodge, draw, mean_of, step_time
 from .style import BLUE, COLUMN, GREY, INK, STYLE, Look
 

@@ -12,7 +12,7 @@ from matplotlib.legend_handler import HandlerTuple
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Ellipse
 
-from ..cells import Found
+from ..cell_results import Found
 from .style import GREEN, INK
 
 SIGMAS = 2.0  # how far belief ellipses reach

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
-from ..cells import Found
+from ..cell_results import Found
 from ..statistics import NOTHING, Estimate, mean_interval, proportion_interval
 from .style import Look
 

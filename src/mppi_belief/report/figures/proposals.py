@@ -6,7 +6,7 @@ import matplotlib as mpl
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
-from ..cells import NAMES, Found
+from ..cell_results import NAMES, Found
 from .points import draw, mean_of, step_time
 from .style import COLUMN, STYLE, look, place
 

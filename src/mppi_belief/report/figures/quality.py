@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator
 
-from ..cells import NAMES, Found, by_method, differing
+from ..cell_results import NAMES, Found, by_method, differing
 from ..statistics import Estimate
 from .points import collision_rate, dodge, draw, mean_of, step_time
 from .style import COLUMN, STYLE, look, place

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedFormatter, FixedLocator, NullLocator
 
-from ..cells import Found
+from ..cell_results import Found
 from .points import draw, mean_of
 from .style import COLUMN, GREY, INK, STYLE, look
 

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import matplotlib as mpl
 from matplotlib.figure import Figure
 
-from ...study.files import write_whole
+from ...results.files import write_whole
 
 BLUE, ORANGE, GREEN, INK, GREY = "#0072B2", "#D55E00", "#009E73", "#222222", "#777777"
 COLUMN = 3.5  # inches, the column of a two-column paper
@@ -68,7 +68,7 @@ OTHER = Look("#555555", "*", "-")
 
 
 def look(method: str) -> Look:
-    """Colour, marker and line of a method, a key of `mppi_belief.report.cells.NAMES`; the same for all unknown ones."""
+    """Colour, marker and line of a method, a key of `report.cell_results.NAMES`; the same for all unknown ones."""
     return LOOKS.get(method, OTHER)
 
 

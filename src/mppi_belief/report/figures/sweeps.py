@@ -12,7 +12,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
 from .. import published
-from ..cells import NAMES, Found, by_method
+from ..cell_results import NAMES, Found, by_method
 from .points import collision_rate, dodge, draw, mean_of
 from .style import COLUMN, GREY, INK, STYLE, look, place
 

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-from ...certificate import Line, Panel
+from ...results.certificate import Line, Panel
 from .style import BLUE, COLUMN, GREEN, GREY, INK, ORANGE, STYLE
 
 COLOURS = (BLUE, "#E69F00", GREEN, "#CC79A7", "#56B4E9", INK, ORANGE, GREY)

@@ -13,7 +13,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MultipleLocator
 
-from ..cells import Found
+from ..cell_results import Found
 from .plane import (
     LIGHT,
     SIDE_BY_SIDE,

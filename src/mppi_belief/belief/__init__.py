@@ -1,0 +1,1 @@
+"""Gaussian beliefs (Sec. II and IV): filter recursion, Riccati equation, gain schedule, expected costs."""

@@ -1,0 +1,54 @@
+"""What a run leaves on the terminal and beside its results: a table, pictures, where things are."""
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from ..report import figures
+from ..report.cell_results import Found, find
+from ..report.summary import as_text, plain, summarise
+from ..run.plan import Cell
+from ..run.task import Outcome
+
+
+def overview(cells: Sequence[Cell], root: Path, n_trials: int, outcome: Outcome) -> int:
+    """Print and draw the first `n_trials` trials of each cell; the number of failed trials among them."""
+    founds = [find(cell, root, n_trials) for cell in cells]
+    founds = [found for found in founds if len(found.rows)]
+    bad = [_tell_failures(found) for found in founds]
+    if founds:
+        print(as_text([summarise(found.rows, found.labels, found.seconds) for found in founds]))
+    ran, done = sum(outcome.ran.values()), sum(outcome.found.values())
+    print(f"{ran} trials run, {done} found done; results in {root}")
+    pictures = [_draw(root / found.cell.id, found, fresh=outcome.ran[found.cell.id] > 0) for found in founds]
+    drawn = [str(picture) for picture in pictures if picture is not None]
+    if drawn:
+        print(f"picture{'s' if len(drawn) > 1 else ''}: {drawn[0] if len(drawn) == 1 else root / '*' / figures.NAME}")
+    return sum(bad)
+
+
+def _tell_failures(found: Found) -> int:
+    """Say on stderr what went wrong, an example of each kind; how many trials did."""
+    bad = found.rows[found.rows["status"] != "ok"]
+    for status, group in bad.groupby("status"):
+        example = group.iloc[0]
+        line = f"{found.cell.id}: {len(group)} {status}, e.g. trial {example['trial']}: {example['error']}"
+        print(line, file=sys.stderr)
+    return len(bad)
+
+
+def _draw(folder: Path, found: Found, *, fresh: bool) -> Path | None:
+    picture, run = folder / figures.NAME, as_run(found)
+    if run is not None and (fresh or not picture.exists()):
+        figures.save(figures.trajectories(*run), picture)
+    return picture if run is not None else None
+
+
+def as_run(found: Found) -> figures.Run | None:
+    """What a picture of the kept trials shows, None without any."""
+    if found.paths.empty or found.scene is None:
+        return None
+    hit = found.rows["collided"].fillna(False).astype(bool)
+    collided = set(found.rows.loc[hit, "trial"]) & set(found.paths["trial"])
+    title = ", ".join(f"{name} {value}" for name, value in found.labels.items() if plain(value) != "-")
+    return figures.Run(found.paths, found.scene, collided, title)

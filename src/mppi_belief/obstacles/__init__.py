@@ -1,0 +1,5 @@
+"""Obstacles, one shape per file."""
+
+from .discs import Obstacles
+
+__all__ = ["Obstacles"]

@@ -1,0 +1,1 @@
+"""Planning by sampled trajectories (Sec. V and VI): path integrals, samplers, trajectory optimisation."""

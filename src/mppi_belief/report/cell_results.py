@@ -1,0 +1,141 @@
+"""What was found of a cell on disk, read once and handed to tables and figures."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from ..config.settings import labels
+from ..results import table as results
+from ..results.files import read_json
+from ..run.plan import Cell
+from .summary import plain
+
+NAMES = {
+    "belief": "MPPI-Belief",
+    "belief_joint": "MPPI-Belief, a covariance a path",
+    "ce": "CE-MPPI",
+    "pipf": "PIPF",
+    "ilqg": "EKF-iLQG",
+    "algorithm_1": "Algorithm 1",
+    "oracle": "Oracle",
+    "lqg": "LQG",
+}  # controllers by the names that the paper gives them
+
+
+class Found(NamedTuple):
+    """A cell and its results.
+
+    rows        the first `wanted` trials that are done, one row each, failed ones too
+    good        those of them that went well: what averages are taken of
+    paths       a row per step of the kept trials among them: trial, step, state, mean, cov (flat), control
+    scene       dt, start, goal, obstacles, radius, noise; None where nothing was kept
+    seconds     wall times of single control steps, empty where none were taken
+    recording   one trial in detail (`mppi_belief.trial.recording`), or None
+    sources     the provenance of every part file that holds one of the rows
+    """
+
+    cell: Cell
+    wanted: int
+    rows: pd.DataFrame
+    paths: pd.DataFrame
+    scene: dict[str, Any] | None
+    seconds: list[float]
+    recording: dict[str, Any] | None
+    sources: list[dict[str, Any]]
+
+    @property
+    def good(self) -> pd.DataFrame:
+        return self.rows[self.rows["status"] == "ok"]
+
+    @property
+    def missing(self) -> int:
+        return self.wanted - len(self.rows)
+
+    @property
+    def labels(self) -> dict[str, Any]:
+        return labels(self.cell.config)
+
+    @property
+    def method(self) -> str:
+        """The controller's option, a key of `NAMES`."""
+        return str(self.cell.config["names"]["controller"])
+
+    @property
+    def name(self) -> str:
+        """The method as the paper calls it."""
+        return NAMES.get(self.method, self.method)
+
+    @property
+    def samples(self) -> int | None:
+        """Paths sampled for one control step, from every particle where the method does that; None without any."""
+        number = self.cell.config["controller"].get("n_samples")
+        starts = self.cell.config["filter"].get("n_particles", 1) if self.method == "pipf" else 1
+        return None if number is None else int(number * starts)
+
+    @property
+    def collided(self) -> np.ndarray:
+        """Of the good trials, (n,) bool."""
+        return self.good["collided"].to_numpy(dtype=bool)
+
+
+def find(cell: Cell, root: Path, wanted: int, warn: Callable[[str], object] = lambda line: None) -> Found:
+    """Read a cell's results; what cannot be read is named to `warn` and left out."""
+    folder = root / cell.id
+    parts = results.read_parts(folder, warn)
+    rows = results.rows_of(parts)
+    rows = rows[rows["trial"] < wanted].reset_index(drop=True)
+    paths = results.read_paths(folder, warn)
+    paths = paths[paths["trial"].isin(rows["trial"])]
+    timing, record = _json(folder, "timing", {"seconds"}), cell.config.get("record")
+    return Found(
+        cell,
+        wanted,
+        rows,
+        paths,
+        _json(folder, "scene", {"dt", "start", "goal", "obstacles", "radius"}),
+        timing["seconds"] if timing else [],
+        None if record is None else _json(folder, f"recording-{record}", {"trial", "samples", "matching"}),
+        results.sources_of(parts, rows["trial"]),
+    )
+
+
+def _json(folder: Path, name: str, keys: set[str]) -> dict[str, Any] | None:
+    """A file beside the tables, None if it is not there or not one of ours."""
+    content = read_json(folder, name)
+    return content if content and keys <= content.keys() else None
+
+
+def paired(first: Found, second: Found) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """The good rows of the trials that both have, in the same order: they met the same noise."""
+    common = np.intersect1d(first.good["trial"], second.good["trial"])
+    one, other = (found.good.set_index("trial").loc[common] for found in (first, second))
+    return one, other
+
+
+def by_method(founds: Sequence[Found]) -> dict[str, list[Found]]:
+    """The cells of each method, in the order in which they are given."""
+    methods: dict[str, list[Found]] = {}
+    for found in founds:
+        methods.setdefault(found.method, []).append(found)
+    return methods
+
+
+def differing(founds: Sequence[Found]) -> list[dict[str, str]]:
+    """The labels of each cell, as text, without those that are the same for all that have one."""
+    labels = [{name: plain(value) for name, value in found.labels.items()} for found in founds]
+    names = dict.fromkeys(name for one in labels for name in one)
+    told = [name for name in names if len({one.get(name, "-") for one in labels} - {"-"}) > 1]
+    return [{name: one.get(name, "-") for name in told} for one in labels]
+
+
+def titles(founds: Sequence[Found]) -> list[str]:
+    """A name for each cell: its method's, with the settings that differ where a method occurs more than once."""
+    names = [found.name for found in founds]
+    settings = [
+        ", ".join(f"{name} {value}" for name, value in one.items() if name != "controller") for one in differing(founds)
+    ]
+    pairs = zip(names, settings, strict=True)
+    return [f"{name} ({setting})" if names.count(name) > 1 and setting else name for name, setting in pairs]

@@ -1,0 +1,1 @@
+"""The results folder: tables, their files, their audit, and certificates."""

@@ -1,0 +1,1 @@
+"""Certificates of the paper's statements, one module each."""

@@ -1,0 +1,157 @@
+"""One step of the filter: against an independent Kalman filter, and as a covariance in floating point."""
+
+from contextlib import nullcontext
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from jax import Array
+
+import mppi_belief as mb
+import reference
+from helpers import float64, light_dark_problem, quick_jit
+from mppi_belief.belief import gaussian as gaussians
+from mppi_belief.belief import kalman as belief
+from mppi_belief.numerics.linalg import semidefinite_root
+
+PRECISIONS = {"float32": (nullcontext, np.float32), "float64": (float64, np.float64)}
+
+
+@mb.struct
+class Pendulum:
+    """Angle and rate, a torque through a lever that turns with it, the height of the bob measured."""
+
+    damping: float = mb.number(0.3)
+    noise_convention: str = mb.choice("sample", "intensity")
+
+    @property
+    def H(self) -> Array:
+        return jnp.array([[0.05, 0.0], [0.1, 0.4]])
+
+    def f(self, x: Array) -> Array:
+        return jnp.array([x[1], -9.81 * jnp.sin(x[0]) - self.damping * x[1]])
+
+    def G(self, x: Array) -> Array:
+        return jnp.array([[0.0], [jnp.cos(x[0])]])
+
+    def c(self, x: Array) -> Array:
+        return jnp.array([jnp.sin(x[0]), x[1] ** 2])
+
+    def sigma_o(self, x: Array) -> Array:
+        return jnp.array([[0.1 + x[0] ** 2, 0.0], [0.2, 0.5]])
+
+
+@quick_jit
+def run(problem: mb.Problem, controls: Array, measurements: Array) -> mb.Belief:
+    """Beliefs (T,) of a run of predict and correct."""
+
+    def step(at: gaussians.RootBelief, data: tuple[Array, Array]) -> tuple[gaussians.RootBelief, mb.Belief]:
+        after = belief.correct(problem, belief.predict(problem, at, data[0]), data[1])
+        return after, mb.Belief(after.mean, after.cov)
+
+    prior = gaussians.prior(problem)
+    start = gaussians.RootBelief(prior.mean, semidefinite_root(prior.cov))
+    return jax.lax.scan(step, start, (controls, measurements))[1]
+
+
+def test_prior_is_the_problems(light_dark, x64):
+    mean, cov = gaussians.prior(light_dark)
+    np.testing.assert_array_equal(mean, [1, 1, 0, 0])
+    np.testing.assert_allclose(cov, np.diag([0.04, 0.04, 0.0025, 0.0025]), rtol=1e-15)
+
+
+@pytest.mark.parametrize("convention", ["sample", "intensity"])
+def test_light_dark_equals_an_independent_kalman_filter(convention, x64, rng):
+    problem, dt = light_dark_problem(system={"noise_convention": convention}), 0.1
+    model = reference.light_dark(sampled=convention == "sample", dt=dt)
+    controls, measurements = 3 * rng.normal(size=(25, 2)), np.array([4, 0]) + rng.normal(size=(25, 2))
+    found = run(problem, controls, measurements)
+    mean, cov = np.array(problem.prior_mean), np.diag(problem.prior_std**2)
+    for k, (u, y) in enumerate(zip(controls, measurements, strict=True)):
+        F = np.eye(4) + model.A * dt
+        mean, cov = F @ mean + model.B @ u * dt, F @ cov @ F.T + model.Q * dt
+        S = model.C @ cov @ model.C.T + model.intensity(mean) / dt
+        K = cov @ model.C.T @ np.linalg.inv(S)
+        mean, cov = mean + K @ (y - model.C @ mean), (np.eye(4) - K @ model.C) @ cov
+        np.testing.assert_allclose(found.mean[k], mean, atol=1e-10)
+        np.testing.assert_allclose(found.cov[k], cov, atol=1e-10)
+
+
+@pytest.mark.parametrize("convention", ["sample", "intensity"])
+def test_a_nonlinear_system_equals_an_independent_extended_kalman_filter(convention, x64, rng):
+    dt, system = 0.05, Pendulum(noise_convention=convention)
+    problem = mb.Problem(system, light_dark_problem().cost, [0.8, -0.2], [0.3, 0.5], dt=dt, steps=20)
+    controls = rng.normal(size=(20, 1))
+    measurements = np.stack([np.sin(np.linspace(0.8, -1, 20)), np.linspace(0, 4, 20)], axis=-1)
+    found = run(problem, controls, measurements)
+    mean, cov = np.array([0.8, -0.2]), np.diag([0.09, 0.25])
+    H = np.array([[0.05, 0.0], [0.1, 0.4]])
+    for k, (u, y) in enumerate(zip(controls, measurements, strict=True)):
+
+        def step(x: np.ndarray, torque: float = u[0]) -> np.ndarray:
+            return x + dt * np.array([x[1], -9.81 * np.sin(x[0]) - 0.3 * x[1] + np.cos(x[0]) * torque])
+
+        def noise(x: np.ndarray) -> np.ndarray:
+            sigma = np.array([[0.1 + x[0] ** 2, 0.0], [0.2, 0.5]])
+            return sigma @ sigma.T / (1 if convention == "sample" else dt)
+
+        def measure(x: np.ndarray) -> np.ndarray:
+            return np.array([np.sin(x[0]), x[1] ** 2])
+
+        mean, cov = reference.kalman_step(mean, cov, y, step, measure, H @ H.T * dt, noise)
+        # central differences are good to 1e-10, and the filter forgets errors
+        np.testing.assert_allclose(found.mean[k], mean, atol=1e-8)
+        np.testing.assert_allclose(found.cov[k], cov, atol=1e-8)
+
+
+@quick_jit
+def update(cov: Array, C: Array, R_s: Array) -> tuple[Array, Array, Array]:
+    root, K, moves = belief.absorb(semidefinite_root(cov), C, R_s)
+    return gaussians.covariance(root), K, moves
+
+
+@pytest.mark.parametrize("precision", PRECISIONS)
+@pytest.mark.parametrize(("n", "p"), [(1, 1), (2, 1), (4, 2), (3, 3)])
+@settings(max_examples=60, deadline=None, derandomize=True)
+@given(seed=st.integers(0, 2**32 - 1), log_cov=st.floats(-6, 6), log_noise=st.floats(-6, 6), rank=st.integers(0, 4))
+def test_a_measured_covariance_is_symmetric_psd_on_its_own_scale_and_no_larger(
+    n, p, precision, seed, log_cov, log_noise, rank
+):
+    context, dtype = PRECISIONS[precision]
+    rng = np.random.default_rng(seed)
+    root = rng.normal(size=(n, min(rank, n))) * 10 ** (log_cov / 2)
+    sigma = (np.eye(p) + 0.3 * rng.uniform(-1, 1, size=(p, p))) * 10 ** (log_noise / 2)
+    cov, R_s, C = root @ root.T, sigma @ sigma.T, rng.normal(size=(p, n))
+    with context():
+        after = np.asarray(update(*(jnp.asarray(M, dtype=dtype) for M in (cov, C, R_s)))[0])
+    np.testing.assert_array_equal(after, after.T)
+    eps, after = float(np.finfo(dtype).eps), after.astype(np.float64)
+    assert np.linalg.eigvalsh(after).min() >= -4 * n * eps * np.linalg.norm(after, 2)
+    assert np.linalg.eigvalsh(cov - after).min() >= -50 * eps * np.linalg.norm(cov, 2)
+    # against double precision: as far off as the rounding of the prior and of R_s makes it
+    S = C @ cov @ C.T + R_s
+    exact = cov - cov @ C.T @ np.linalg.solve(S, C @ cov)
+    assert np.linalg.norm(after - exact) <= 100 * eps * np.linalg.norm(cov, 2), np.linalg.norm(after - exact)
+
+
+@quick_jit
+def moved_estimator(cov: Array, C: Array, R_s: Array, K: Array) -> Array:
+    """Covariance of the estimator m + K (C x + v - C m)."""
+    keep = jnp.eye(len(cov)) - K @ C
+    return keep @ cov @ keep.T + K @ R_s @ K.T
+
+
+def test_the_gain_minimises_the_covariance(x64, rng):
+    root, C, R_s = rng.normal(size=(3, 3)), rng.normal(size=(2, 3)), np.array([[0.3, 0.1], [0.1, 0.9]])
+    cov = root @ root.T
+    best, K, moves = update(cov, C, R_s)
+    S = C @ cov @ C.T + R_s
+    np.testing.assert_allclose(K, cov @ C.T @ np.linalg.inv(S), rtol=1e-11)
+    np.testing.assert_allclose(moves @ moves.T, K @ S @ K.T, atol=1e-12)
+    np.testing.assert_allclose(best, cov - K @ S @ K.T, atol=1e-12)
+    for _ in range(10):
+        other = moved_estimator(cov, C, R_s, K + 0.1 * rng.normal(size=K.shape))
+        assert np.linalg.eigvalsh(other - best).min() >= -1e-12

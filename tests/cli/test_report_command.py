@@ -1,0 +1,316 @@
+"""`mppi-belief report`: from the files of a run to a page, whatever is missing, broken or not ours."""
+
+import copy
+import os
+import re
+import shlex
+from collections.abc import Callable, Sequence
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from cli_helpers import Said, call, collect, files_in, python
+from mppi_belief.cli import main as cli
+from mppi_belief.config import compose as composing
+from mppi_belief.report.build import STUDIES
+from mppi_belief.run.plan import Cell
+from report_helpers import lost, random_trials, store, store_pictured
+
+TABLE_1 = ["experiment=table_1", "n_trials=12"]
+TRIAL = 1  # that the study records
+FILES = ["index.html", "table_1.csv", "table_1.md", "table_1.tex"]
+
+
+collect_anew = cli.collect
+
+
+@cache
+def composed(args: tuple[str, ...]) -> list[dict[str, Any]]:
+    return collect_anew(args)
+
+
+@pytest.fixture(autouse=True)
+def composed_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Hydra takes a second for the cells of a study; what it makes of the same arguments is the same."""
+
+    def collect(args: Sequence[str]) -> list[dict[str, Any]]:
+        return copy.deepcopy(composed(tuple(args)))
+
+    monkeypatch.setattr(cli, "collect", collect)
+
+
+@pytest.fixture
+def report(tmp_path, capsys) -> Callable[..., Said]:
+    """The command, in this process and a folder of its own."""
+    return lambda *args: call(tmp_path, capsys, "report", *args)
+
+
+def cells(*args: str) -> list[Cell]:
+    return [Cell(config) for config in collect(*args)]
+
+
+def source(**changes: Any) -> dict[str, Any]:
+    run = {"command": ["mppi-belief", "run", *TABLE_1], "started": "2025-01-01T10:00:00+00:00", "elapsed": 60.0}
+    return run | {"commit": "4a7f400", "dirty": False, "algorithm": 1, "versions": {"jaxlib": "0.7.1"}} | changes
+
+
+def fill(root: Path, *args: str, n: int = 12, **changes: Any) -> list[Cell]:
+    """Results of every cell of a study, as its run leaves them but for the pictures."""
+    made, rng = cells(*args), np.random.default_rng(1)
+    for cell in made:
+        folder = store(root, cell, random_trials(rng, range(n), 0.25, 50.0), [1e-3, 2e-3, 3e-3], source(**changes))
+        assert folder.is_dir()
+    return made
+
+
+@pytest.fixture
+def root(tmp_path) -> Path:
+    return tmp_path / "outputs" / "results"
+
+
+@pytest.fixture
+def folder(tmp_path) -> Path:
+    return tmp_path / "outputs" / "report"
+
+
+def test_complete_results_become_a_page_and_tables(report, root, folder):
+    made = fill(root, *TABLE_1)
+    said = report(*TABLE_1)
+    assert (said.code, said.err) == (0, "")
+    assert said.out.endswith("report: outputs/report/index.html\n")
+    assert "missing" not in said.out
+    assert set(FILES) <= set(files_in(folder))
+    table = pd.read_csv(folder / "table_1.csv")
+    costs = [pd.concat(map(pd.read_parquet, (root / cell.id).glob("*.parquet")))["cost"].mean() for cell in made]
+    np.testing.assert_allclose(table["cost"], costs, rtol=1e-12)
+    assert table["controller"].tolist() == ["belief", "ce", "pipf", "ilqg"]
+    page = (folder / "index.html").read_text()
+    for name, cost in zip(("MPPI-Belief", "CE-MPPI", "PIPF", "EKF-iLQG"), costs, strict=True):
+        for text in (said.out, page, (folder / "table_1.tex").read_text(), (folder / "table_1.md").read_text()):
+            assert name in text
+            assert f"{cost:.1f}" in text
+    assert "4a7f400" in page
+    assert not [name for name in files_in(folder) if name.startswith(".")]
+
+
+def test_a_run_is_read_and_nothing_is_run_or_changed(report, root):
+    made = fill(root, *TABLE_1)
+    before = {path: path.stat().st_mtime_ns for path in root.rglob("*")}
+    report(*TABLE_1)
+    assert {path: path.stat().st_mtime_ns for path in root.rglob("*")} == before
+    assert len(made) == 4
+
+
+def test_a_second_call_writes_the_same_bytes(report, root, folder):
+    for cell in fill(root, *TABLE_1)[:2]:
+        store_pictured(root / cell.id, TRIAL)
+    assert report(*TABLE_1).code == 0
+    before = {path.name: path.read_bytes() for path in folder.iterdir()}
+    assert {"figure_1.png", "figure_1.pdf", "matching.png", "matching.pdf", "animation.gif", *FILES} <= set(before)
+    for path in folder.iterdir():
+        os.utime(path, (0, 0))
+    assert report(*TABLE_1).code == 0
+    after = {path.name: path.read_bytes() for path in folder.iterdir()}
+    assert sorted(name for name in before if before[name] != after.get(name)) == []
+    assert set(after) == set(before)
+    assert all(path.stat().st_mtime > 0 for path in folder.iterdir())
+    assert b"animation.gif" in after["index.html"]
+
+
+def test_missing_cells_and_trials_are_told_with_the_command_that_runs_them(report, root, folder):
+    first, second, _, _ = cells(*TABLE_1)
+    rng = np.random.default_rng(1)
+    store(root, first, random_trials(rng, range(12), 0.0, 50.0))
+    store(root, second, random_trials(rng, range(3, 12), 0.0, 50.0))
+    said = report(*TABLE_1)
+    assert (said.code, said.err) == (3, "")
+    missing, where = said.out.splitlines()[-2:]
+    told, _, line = missing.partition("; ")
+    assert told == "missing: 27 trials in 3 of 4 cells of table_1"
+    assert sorted(line.split()) == sorted(["mppi-belief", "run", *TABLE_1])
+    assert where == "report: outputs/report/index.html"
+    assert set(FILES) <= set(files_in(folder))
+    assert "27 trials missing" in (folder / "index.html").read_text()
+    assert pd.read_csv(folder / "table_1.csv")["trials"].tolist() == [12, 9, 0, 0]
+
+
+def test_without_any_results_there_is_a_page_that_says_so(report, folder):
+    said = report(*TABLE_1)
+    assert (said.code, said.err) == (3, "")
+    assert "missing: 48 trials in 4 of 4 cells of table_1" in said.out
+    assert files_in(folder) == ["index.html"]
+
+
+def test_failed_trials_are_not_missing(report, root, folder):
+    for cell in cells(*TABLE_1):
+        store(root, cell, [*random_trials(np.random.default_rng(1), range(10), 0.0, 50.0), lost(10), lost(11)])
+    said = report(*TABLE_1)
+    assert (said.code, said.err) == (0, "")
+    assert pd.read_csv(folder / "table_1.csv")["failed"].tolist() == [2] * 4
+    assert "8 trials failed" in (folder / "index.html").read_text()
+
+
+def test_cells_whose_trials_all_failed_do_not_stop_it(report, root, folder):
+    for cell in cells(*TABLE_1):
+        store(root, cell, [lost(trial) for trial in range(12)])
+    said = report(*TABLE_1)
+    assert (said.code, said.err) == (0, "")
+    assert "48 trials failed" in (folder / "index.html").read_text()
+
+
+def test_the_command_that_is_told_runs_the_missing_trials_of_these_settings(report, root, folder, tmp_path):
+    settings = ["seed=3", "n_trials=5", f"results_dir={tmp_path / 'my results'}", "cost.goal=[7, 1, 0, 0]"]
+    said = report("experiment=reference_scenario", *settings)
+    assert said.code == 3
+    (line,) = [line for line in said.out.splitlines() if line.startswith("missing")]
+    word, command, *args = shlex.split(line.partition("; ")[2])
+    assert (word, command) == ("mppi-belief", "run")
+    assert sorted(args) == sorted(["experiment=reference_scenario", *settings])
+
+
+def spoil(folder: Path) -> list[str]:
+    """Files that are none of ours or no longer whole, and their names."""
+    (whole, *_) = sorted(folder.glob("part-*.parquet"))
+    (folder / "part-torn.parquet").write_bytes(whole.read_bytes()[:-30])
+    (folder / "part-empty.parquet").touch()
+    pq.write_table(pa.table({"trial": [0], "note": ["not ours"]}), folder / "part-foreign.parquet")
+    (folder / "paths-noise.parquet").write_bytes(b"PAR1" + bytes(range(256)) + b"PAR1")
+    return ["part-torn.parquet", "part-empty.parquet", "part-foreign.parquet", "paths-noise.parquet"]
+
+
+def test_files_that_cannot_be_read_are_named_once_and_skipped(report, root, folder):
+    fill(root, *TABLE_1)
+    fill(root, "experiment=theta_sweep", "n_trials=12")  # its cell of theta = 1 is Table I's
+    clean = report(*TABLE_1)
+    (cell, *_) = cells(*TABLE_1)
+    names = spoil(root / cell.id)
+    said = report("experiment=table_1,theta_sweep", "n_trials=12")
+    assert (said.code, said.err) == (0, "")
+    page = (folder / "index.html").read_text()
+    for name in names:
+        (line,) = [line for line in said.out.splitlines() if name in line]
+        assert cell.id in line
+        assert "left out" in line
+        assert page.count(f"{cell.id}/{name}") == 1
+    assert said.out.startswith(clean.out.partition("report: ")[0])
+    assert "Traceback" not in said.out
+
+
+def test_small_files_that_are_torn_do_not_stop_it(report, root, folder):
+    (cell, *_) = fill(root, *TABLE_1)
+    store_pictured(root / cell.id, TRIAL)
+    for name in ("timing", "scene", f"recording-{TRIAL}"):
+        path = root / cell.id / f"{name}.json"
+        path.write_text(path.read_text()[:-5])
+    said = report(*TABLE_1)
+    assert (said.code, said.err) == (0, "")
+    assert set(FILES) <= set(files_in(folder))
+    assert pd.read_csv(folder / "table_1.csv")["time"].isna().tolist() == [True, False, False, False]
+
+
+def test_make_report_runs_the_studies_that_the_report_shows():
+    makefile = (composing.conf_dir().parent / "Makefile").read_text()
+    assert re.search(r"^STUDIES := (.*)$", makefile, re.MULTILINE)[1].split() == list(STUDIES)
+
+
+BAD = [
+    "experiment=tabel_1",
+    "experiment=",
+    "experiment=none,nothing",
+    "experiment=table_1 theta=abc",
+    "experiment=none n_trials=0",
+    "experiment=table_1 contoller=ce",
+    "experiment=none results_dir=",
+    "experiment=none report_dir=",
+    "experiment=reference_scenario n_trials=1,2",
+    "experiment=reference_scenario results_dir=a,b",
+    "experiment=table_1 --unknown",
+    "table_1",
+]
+
+
+@pytest.mark.parametrize("line", BAD)
+def test_bad_input_is_one_line_and_exit_code_2_and_leaves_no_trace(line, report, tmp_path):
+    said = report(*shlex.split(line))
+    assert (said.code, said.out) == (2, "")
+    assert re.fullmatch(r"mppi-belief: \S.*\n", said.err)
+    assert files_in(tmp_path) == []
+
+
+def test_an_unknown_study_is_told_with_those_there_are(report):
+    said = report("experiment=tabel_1")
+    assert "table_1" in said.err
+    assert "theta_sweep" in said.err
+
+
+def test_a_folder_that_cannot_be_written_is_exit_code_74(report, root, tmp_path):
+    fill(root, *TABLE_1)
+    (tmp_path / "taken").write_text("a file")
+    said = report(*TABLE_1, "report_dir=taken")
+    assert said.code == 74
+    assert re.fullmatch(r"mppi-belief: cannot write \S.*taken.*\n", said.err)
+    assert (tmp_path / "taken").read_text() == "a file"
+
+
+def test_help_names_studies_and_exit_codes(report, tmp_path):
+    for flag in ("--help", "-h"):
+        said = report(flag)
+        assert (said.code, said.err) == (0, "")
+        assert all(name in said.out for name in STUDIES)
+        assert all(re.search(rf"\b{code}\b", said.out) for code in (0, 2, 3, 74))
+    assert files_in(tmp_path) == []
+
+
+def test_flags_that_only_print_do_not_end_in_a_traceback(report, tmp_path):
+    said = report("experiment=table_1", "--cfg", "job")
+    assert said.code in (0, 2)
+    assert files_in(tmp_path) == []
+
+
+def test_it_does_not_wait_for_jax(root, tmp_path):
+    fill(root, *TABLE_1)
+    code = f"""import sys
+from mppi_belief.cli.main import main
+for args in (["--help"], {TABLE_1}):
+    sys.argv = ["mppi-belief", "report", *args]
+    print("ended", main(), "jax" in sys.modules)
+"""
+    said = python(code, tmp_path).splitlines()
+    assert [line for line in said if line.startswith("ended")] == ["ended 0 False"] * 2
+
+
+def test_a_study_of_a_users_own_has_a_section(report, root, folder, tmp_path):
+    (tmp_path / "mine" / "experiment").mkdir(parents=True)
+    (tmp_path / "mine" / "experiment" / "two_seeds.yaml").write_text(
+        "# @package _global_\nhydra:\n  mode: MULTIRUN\n  sweeper:\n    params:\n      seed: 4,5\n"
+    )
+    study = ["--config-dir", str(tmp_path / "mine"), "experiment=two_seeds", "n_trials=12"]
+    said = report(*study)
+    assert (said.code, said.err) == (3, "")
+    missing, _, command = said.out.splitlines()[-2].partition("; ")
+    assert missing == "missing: 24 trials in 2 of 2 cells of two_seeds"
+    assert [cell.id for cell in fill(root, *study)] == [cell.id for cell in cells(*shlex.split(command)[2:])]
+    said = report(*study)
+    assert (said.code, said.err) == (0, "")
+    assert report(*study[2:], *study[:2]) == said
+    assert files_in(folder) == ["index.html", "two_seeds.csv", "two_seeds.md"]
+    assert pd.read_csv(folder / "two_seeds.csv")["seed"].tolist() == [4, 5]
+    page = (folder / "index.html").read_text()
+    assert re.search(r"<h2[^>]*>\s*two_seeds", page)
+    assert "two_seeds.csv" in page
+
+
+def test_another_folder_and_other_settings_are_obeyed(report, tmp_path):
+    settings = ["experiment=reference_scenario", "seed=9", "n_trials=4", "results_dir=elsewhere/results"]
+    fill(tmp_path / "elsewhere" / "results", *settings, n=6)
+    said = report(*settings, "report_dir=elsewhere/report")
+    assert (said.code, said.err) == (0, "")
+    assert said.out.endswith("report: elsewhere/report/index.html\n")
+    assert files_in(tmp_path) == ["elsewhere"]
+    assert pd.read_csv(tmp_path / "elsewhere" / "report" / "reference_scenario.csv")["trials"].tolist() == [4] * 2

@@ -1,0 +1,229 @@
+"""`mppi-belief verify`: which certificates are computed, what is left of them, how it ends."""
+
+import json
+import os
+import signal
+import subprocess
+import time
+from collections.abc import Callable, Iterator
+from functools import partial
+from pathlib import Path
+
+import pytest
+
+from cli_helpers import Said, call, files_in, started
+from mppi_belief.results.certificate import NAMES, Certificate, at_most
+from mppi_belief.results.certificate_files import Stored, load, store
+from mppi_belief.verify import runner
+
+CHEAP = "matching_feasibility"
+
+
+@pytest.fixture
+def verify(tmp_path, capsys) -> Callable[..., Said]:
+    """The command, in this process and a folder of its own."""
+    return lambda *args: call(tmp_path, capsys, "verify", *args)
+
+
+def made(name: str, value: float = 0.0) -> Certificate:
+    return Certificate(name, f"Statement of {name}", "", [at_most("x", value, 1.0, "")])
+
+
+@pytest.fixture
+def instant(monkeypatch) -> list[tuple]:
+    """Certificates that cost nothing, the last of which fails for seed 13; the calls that were made."""
+    calls = []
+
+    def certify_all(names, seed, workers, initializer) -> Iterator[runner.Done]:
+        calls.append((tuple(names), seed, workers))
+        for name in reversed(names):
+            yield runner.Done(name, made(name, 2.0 if seed == 13 and name == names[-1] else 0.0), "", 0.5)
+
+    monkeypatch.setattr(runner, "certify_all", certify_all)
+    return calls
+
+
+def test_help_names_every_certificate(verify):
+    said = verify("--help")
+    assert said.code == 0
+    assert all(name in said.out for name in NAMES)
+
+
+def test_all_of_them_by_default(verify, instant, tmp_path):
+    said = verify("seed=5", "workers=3")
+    assert (said.code, instant) == (0, [(NAMES, 5, 3)])
+    assert f"{len(NAMES)} of {len(NAMES)} certificates hold" in said.out
+    assert [line for line in said.out.splitlines() if line.startswith("Statement of")] == [
+        f"Statement of {name}  (0.5 s)" for name in NAMES
+    ]
+    assert {f"{name}.json" for name in NAMES} <= set(files_in(tmp_path / "outputs" / "verify"))
+
+
+def test_one_that_does_not_hold_is_exit_1(verify, instant):
+    said = verify("seed=13")
+    assert said.code == 1
+    assert said.out.count("FAILS") == 1
+
+
+def test_some_of_them_leave_the_others_alone(verify, instant, tmp_path):
+    verify("verify_dir=here")
+    before = (tmp_path / "here" / "cole_hopf.json").read_bytes()
+    said = verify("feynman_kac", "affine_observations", "seed=13", "verify_dir=here")
+    assert said.code == 1
+    assert instant[-1][0] == ("feynman_kac", "affine_observations")
+    assert (tmp_path / "here" / "cole_hopf.json").read_bytes() == before
+    assert {one.certificate.name: one.source["seed"] for one in load(tmp_path / "here")} == {
+        name: 13 if name in instant[-1][0] else 0 for name in NAMES
+    }
+
+
+@pytest.mark.parametrize(
+    ("args", "complaint"),
+    [
+        (["cole_hop"], "unknown certificate 'cole_hop'; did you mean 'cole_hopf'?"),
+        ([""], "unknown certificate ''; see mppi-belief verify --help"),
+        (["zzz"], "unknown certificate 'zzz'; see mppi-belief verify --help"),
+        (["cole_hopf", "system=light_dark"], "verify: either certificates or a system, not 'cole_hopf' with"),
+        (["sede=3"], "unknown key 'sede'; did you mean 'seed'?"),
+        (["seed=-1"], "seed=-1: must be at least 0"),
+        (["-m", "theta=0,1"], "verify: one system at a time"),
+        (["verify_dir="], "verify_dir: must name a folder"),
+        (["cole_hopf", "seed=1", "theta=0"], "verify: either certificates or a system, not 'cole_hopf' with 'theta=0'"),
+        (["--config-dir", "."], "verify: --config-dir is for a system; name it with system=NAME"),
+    ],
+)
+def test_a_mistake_is_one_line(verify, instant, args, complaint):
+    said = verify(*args)
+    assert said.code == 2
+    assert said.err.startswith(f"mppi-belief: {complaint}")
+    assert said.err.count("\n") == 1
+    assert not instant
+
+
+def test_what_cannot_be_written_is_exit_74(verify, instant, tmp_path):
+    (tmp_path / "taken").write_text("")
+    assert verify("verify_dir=taken").code == 74
+
+
+def test_a_keyboard_interrupt_is_exit_130(verify, monkeypatch):
+    def stopped(*args) -> Iterator[runner.Done]:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(runner, "certify_all", stopped)
+    said = verify()
+    assert (said.code, said.err.splitlines()[-1]) == (130, "mppi-belief: stopped")
+
+
+def test_a_real_one_in_a_process_of_its_own(verify, tmp_path):
+    said = verify(CHEAP)
+    assert said.code == 0, said.out + said.err
+    assert said.out.startswith("Proposition 3")
+    stored = json.loads((tmp_path / "outputs" / "verify" / f"{CHEAP}.json").read_text())
+    assert stored["source"]["command"] == ["mppi-belief", "verify", CHEAP]
+    assert stored["source"]["versions"]["jax"]
+
+
+def test_what_a_certificate_raises_is_said():
+    done = runner.certify("not_there", 0)
+    assert done.certificate is None
+    assert done.error.startswith("ModuleNotFoundError: No module named")
+
+
+def test_a_process_that_always_dies_is_given_up():
+    (done,) = runner.certify_all([CHEAP], 0, 1, partial(os._exit, 3))
+    assert (done.name, done.certificate) == (CHEAP, None)
+    assert "died twice" in done.error
+
+
+def die_once(marker: str) -> None:
+    """The first process that starts ends at once."""
+    if not Path(marker).exists():
+        Path(marker).write_text("")
+        os._exit(3)
+
+
+def test_a_process_that_dies_once_takes_nothing_with_it(tmp_path):
+    marker = str(tmp_path / "died")
+    found = list(runner.certify_all([CHEAP, "cole_hopf"], 0, 2, partial(die_once, marker)))
+    assert {done.name for done in found} == {CHEAP, "cole_hopf"}
+    assert all(done.certificate is not None and done.certificate.holds for done in found)
+
+
+def test_what_could_not_be_computed_leaves_what_was_stored(verify, instant, tmp_path, monkeypatch):
+    verify("verify_dir=here")
+    before = (tmp_path / "here" / "cole_hopf.json").read_bytes()
+
+    def certify_all(names, *rest) -> Iterator[runner.Done]:
+        yield runner.Done("cole_hopf", None, "ValueError: no", 0.1)
+        yield runner.Done("feynman_kac", made("feynman_kac"), "", 0.1)
+
+    monkeypatch.setattr(runner, "certify_all", certify_all)
+    said = verify("cole_hopf", "feynman_kac", "verify_dir=here")
+    assert said.code == 1
+    assert "cole_hopf could not be computed: ValueError: no" in said.err
+    assert "1 of 1 certificates hold" in said.out
+    assert (tmp_path / "here" / "cole_hopf.json").read_bytes() == before
+
+
+def test_a_name_given_twice_is_computed_once(verify, instant):
+    verify("cole_hopf", "cole_hopf")
+    assert instant[-1][0] == ("cole_hopf",)
+
+
+def test_a_question_to_hydra_is_answered(verify, instant):
+    said = verify("--cfg", "job")
+    assert (said.code, instant) == (0, [])
+    assert "controller" in said.out
+
+
+def is_gone(group: int) -> bool:
+    """Whether all processes of a group end within ten seconds."""
+    for _ in range(100):
+        try:
+            os.killpg(group, 0)
+        except ProcessLookupError:
+            return True
+        time.sleep(0.1)
+    return False
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_signal_ends_it_with_one_word(tmp_path, number, code):
+    with started(tmp_path, "verify") as process:
+        time.sleep(6)  # it computes by now, and for long
+        process.send_signal(number)
+        assert process.wait(30) == code
+        assert is_gone(process.pid)
+    assert (tmp_path / "stderr.txt").read_text().splitlines()[-1] == "mppi-belief: stopped"
+
+
+def report(tmp_path: Path, capsys: pytest.CaptureFixture[str], *args: str) -> Said:
+    return call(tmp_path, capsys, "report", *args)
+
+
+def test_the_report_shows_certificates_and_says_which_are_missing(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("mppi_belief.report.build.STUDIES", ("table_1",))
+    folder = tmp_path / "outputs" / "verify"
+    for name in NAMES[:4]:
+        store(folder, Stored(made(name), 0.1, {"commit": "4a7f400", "seed": 0}))
+    said = report(tmp_path, capsys)
+    assert said.code == 3
+    assert f"missing: {len(NAMES) - 4} of {len(NAMES)} certificates; mppi-belief verify" in said.out
+    page = (tmp_path / "outputs" / "report" / "index.html").read_text()
+    assert "Statement of affine_observations" in page
+    assert (tmp_path / "outputs" / "report" / "theory.csv").is_file()
+
+
+def test_a_report_of_chosen_studies_is_of_those_alone(tmp_path, capsys):
+    store(tmp_path / "outputs" / "verify", Stored(made("cole_hopf"), 0.1, {}))
+    said = report(tmp_path, capsys, "experiment=table_1")
+    assert "certificates" not in said.out
+    assert "cole_hopf" not in (tmp_path / "outputs" / "report" / "index.html").read_text()
+
+
+def test_a_reader_that_goes_away_is_no_failure_to_write(tmp_path):
+    with started(tmp_path, "verify", CHEAP, stdout=subprocess.PIPE) as process:
+        process.stdout.close()
+        assert process.wait(100) == 141
+    assert "cannot write" not in (tmp_path / "stderr.txt").read_text()
+    assert (tmp_path / "outputs" / "verify" / f"{CHEAP}.json").is_file()

@@ -1,0 +1,89 @@
+"""What Hydra and OmegaConf raise, said plainly: which key, what is wrong, what is near."""
+
+import re
+from pathlib import Path
+
+import pytest
+from omegaconf import OmegaConf
+
+from cli_helpers import collect, compose
+from mppi_belief.config.hydra_errors import one_line
+from mppi_belief.config.settings import ConfigError
+
+OPTIONS = r"no such option, choose from .*"
+
+
+@pytest.mark.parametrize(
+    ("args", "line"),
+    [
+        (["theta=abc"], r"theta=abc: must be a number"),
+        (["n_trials=1.5"], r"n_trials=1\.5: must be a whole number"),
+        (["planner.horizon=many"], r"planner\.horizon=many: must be a whole number"),
+        (["controler=belief"], r"unknown key 'controler'; did you mean 'controller'\?"),
+        (["controller=beleif"], rf"controller=beleif: {OPTIONS}belief, .*; did you mean 'belief'\?"),
+        (["system=moon"], rf"system=moon: {OPTIONS}beacons, light_dark, .*scalar_linear, .*"),
+        (["sweep=thetta"], rf"sweep=thetta: {OPTIONS}; did you mean 'theta'\?"),
+        (["thetta=1"], r"unknown key 'thetta'; did you mean 'theta'\?"),
+        (["foo=1"], r"unknown key 'foo'; see mppi-belief run --help"),
+        (["+foo=1"], r"unknown key 'foo'; see mppi-belief run --help"),
+        (["++foo=1"], r"unknown key 'foo'; see mppi-belief run --help"),
+        (["+foo.bar=1"], r"unknown key 'foo'; see mppi-belief run --help"),
+        (["controller.horizn=3"], r"unknown key 'controller\.horizn'; did you mean 'controller\.horizon'\?"),
+        (["system.lihgt=3"], r"unknown key 'system\.lihgt'; did you mean 'system\.light'\?"),
+        (["problem.step=3"], r"unknown key 'problem\.step'; did you mean 'problem\.steps'\?"),
+        (["planner.foo=1"], r"unknown key 'planner\.foo'; .*"),
+        (["planner.horizn=1"], r"unknown key 'planner\.horizn'; did you mean 'planner\.horizon'\?"),
+        (
+            ["controller=ilqg", "controller.theta=1"],
+            r"'controller\.theta' is a key of another controller than the one chosen.*",
+        ),
+        (["+planner.foo=1"], r"unknown key 'planner\.foo'; .*"),
+        (["theta=1,2"], r"theta=1,2: several values; add -m to sweep over them"),
+        (["-m", "theta=1,abc"], r"theta=abc: must be a number"),
+        (["-m", "theta=1,-1"], r"theta=-1: must be at least 0"),
+    ],
+    ids=lambda value: " ".join(value) if isinstance(value, list) else "",
+)
+def test_the_line_names_the_key_and_the_reason(args, line):
+    with pytest.raises(ConfigError) as caught:
+        collect(*args)
+    assert re.fullmatch(line, str(caught.value))
+
+
+@pytest.mark.parametrize(
+    ("args", "named"),
+    [
+        (["theta=null"], "theta"),
+        (["theta={a: 1}"], "theta"),
+        (["theta=[1"], "[1"),
+        (["theta"], "theta"),
+        (["planner=null"], "planner"),
+        (["~theta"], "theta"),
+        (["~controller"], "controller"),
+        (["hydra.mode=fast"], "hydra.mode"),
+        (["--config-dir=/nowhere"], "/nowhere"),
+        (["--cfg", "nothing"], "nothing"),
+        (["--unknown"], "--unknown"),
+    ],
+    ids=lambda value: " ".join(value) if isinstance(value, list) else "",
+)
+def test_whatever_else_goes_wrong_is_one_line_that_names_what_was_given(args, named):
+    with pytest.raises(ConfigError) as caught:
+        collect(*args)
+    assert len(str(caught.value).splitlines()) == 1
+    assert named in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "key", ["cost.gaol", "controller.horizn", "system.obstacles.radus", "cost.obstacles.radus", "controller.wobs"]
+)
+def test_what_is_suggested_exists(key):
+    with pytest.raises(ConfigError, match=f"unknown key '{key}'") as caught:
+        collect(f"{key}=1")
+    for guess in re.findall(r"did you mean '(\S+)'", str(caught.value)):
+        assert OmegaConf.select(OmegaConf.create(compose()), guess) is not None
+
+
+def test_an_unforeseen_error_is_told_by_its_first_line_or_its_type():
+    assert one_line(RuntimeError("\n  first\nsecond"), Path()) == "first"
+    assert one_line(RuntimeError(), Path()) == "RuntimeError"

@@ -1,0 +1,123 @@
+"""Algorithm 1 as printed: the controller against the line-by-line version of the reference, on the same normals."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jax import Array
+
+import mppi_belief as mb
+import reference
+from helpers import CENTERS, light_dark_problem, quick_jit
+from mppi_belief.belief.gaussian import prior
+from mppi_belief.belief.kalman import diffusion_factors, gain_schedule
+
+KEY = jax.random.key(7)
+PRINTED = {"diffusion": "innovation", "charge": "start", "antithetic": False}
+StateCost = Callable[[np.ndarray, np.ndarray], float]
+
+
+class Outcome(NamedTuple):
+    u: Array
+    plan: Array
+    ess: Array
+    factors: Array
+
+
+@quick_jit
+def step(problem: mb.Problem, controller: mb.MPPIBelief, start: mb.Belief) -> Outcome:
+    """One step on the zero nominal, with the factors L_k, which D_k leaves open up to a rotation."""
+    plan = controller.init(problem)
+    factors, _ = diffusion_factors(gain_schedule(problem, start, plan, controller.schedule))
+    u, after, info = controller.act(problem, start, plan, KEY)
+    return Outcome(u, after, info.ess, factors)
+
+
+def compare(
+    problem: mb.Problem,
+    controller: mb.MPPIBelief,
+    start: mb.Belief,
+    model: reference.Linear,
+    q: StateCost,
+    phi: StateCost,
+) -> None:
+    """Run both, on the controller's normals and factors."""
+    found = step(problem, controller, start)
+    planner = reference.Planner(q, phi, np.asarray(problem.cost.R), controller.temperature, problem.dt)
+    normals, factors = (
+        np.asarray(controller._normals(KEY, len(start.mean), controller.n_samples)),
+        np.asarray(found.factors),
+    )
+    mean, cov = (np.asarray(part) for part in start)
+    expected = reference.algorithm_1(model, planner, mean, cov, normals, factors, controller.schedule)
+    np.testing.assert_allclose(found.u, expected, rtol=1e-8, atol=1e-10)
+    assert np.linalg.norm(found.u) > 0.01
+    assert found.ess > 2
+    np.testing.assert_array_equal(found.plan, 0)
+
+
+@pytest.mark.parametrize(("evaluate", "schedule"), [("belief", "riccati"), ("belief", "filter"), ("mean", "filter")])
+def test_light_dark(evaluate, schedule, x64):
+    """A diffusion of rank 2 in four dimensions, risk-sensitive costs next to an obstacle, convention "sample"."""
+    goal, theta, w_obs = np.array([7.0, 0, 0, 0]), 1.5, 3.0
+    running, terminal = np.array([0.2, 0.2, 0.1, 0.1]), np.array([0.3, 0.3, 0.1, 0.1])
+    problem = light_dark_problem(cost={"running_weight": running, "terminal_weight": terminal, "w_obs": w_obs})
+    # position and velocity correlated: else D_0 and with it the control would vanish in the velocities
+    root = np.array([[0.4, 0, 0, 0], [0.1, 0.3, 0, 0], [0.3, 0.05, 0.1, 0], [0, 0.25, 0, 0.1]])
+    start = mb.Belief(jnp.array([2.2, 0.4, 1, 0]), jnp.asarray(root @ root.T))
+
+    def q(mu: np.ndarray, cov: np.ndarray) -> float:
+        base = reference.quadratic(mu[None], goal, np.diag(running))[0]
+        if evaluate == "mean":
+            return base + w_obs * reference.bumps(mu[None], np.array(CENTERS), 0.285)[0]
+        mean, variance = reference.bump_moments(mu, cov, np.array(CENTERS), 0.285)
+        return base + 0.5 * running @ np.diag(cov) + w_obs * mean + theta / 2 * w_obs**2 * variance
+
+    def phi(mu: np.ndarray, cov: np.ndarray) -> float:
+        certain = reference.quadratic(mu[None], goal, np.diag(terminal))[0]
+        return certain if evaluate == "mean" else certain + 0.5 * terminal @ np.diag(cov)
+
+    controller = mb.MPPIBelief(
+        n_samples=40, horizon=6, theta=theta, temperature=0.3, schedule=schedule, evaluate=evaluate, **PRINTED
+    )
+    compare(problem, controller, start, reference.light_dark(sampled=True, dt=0.1), q, phi)
+
+
+@pytest.mark.parametrize("schedule", ["riccati", "filter"])
+def test_scalar_system(schedule, scalar, x64):
+    s, problem = scalar, scalar.problem(8)
+    A, B, C, Q, R_o = (np.array([[v]]) for v in (s.a, s.b, s.c, s.sigma_w**2, s.sigma_o**2))
+    controller = mb.MPPIBelief(n_samples=50, horizon=8, temperature=s.temperature, schedule=schedule, **PRINTED)
+    compare(
+        problem,
+        controller,
+        prior(problem),
+        reference.Linear(A, B, C, Q, lambda x: R_o),
+        lambda mu, cov: 0.5 * s.q * (mu[0] ** 2 + cov[0, 0]),
+        lambda mu, cov: 0.5 * s.q_T * (mu[0] ** 2 + cov[0, 0]),
+    )
+
+
+def test_uncorrelated_beliefs_do_not_move_the_light_dark_vehicle(light_dark, x64):
+    """Paper notes, 4: D_0 has no part in the velocities, where the control acts, so Algorithm 1 returns nothing."""
+    controller = mb.MPPIBelief(n_samples=40, horizon=6, schedule="riccati", **PRINTED)
+    np.testing.assert_array_equal(step(light_dark, controller, prior(light_dark)).u, 0)
+
+
+def test_a_diffusion_of_deficient_rank_gives_a_finite_control_in_float32(light_dark):
+    controller = mb.MPPIBelief(n_samples=40, horizon=6, diffusion="innovation")
+    found = step(light_dark, controller, prior(light_dark))
+    assert all(np.linalg.matrix_rank(L) == 2 for L in found.factors)
+    assert np.all(np.isfinite(found.u))
+    assert np.isfinite(found.ess)
+
+
+def test_without_anything_to_learn_all_samples_are_the_nominal(x64):
+    problem = light_dark_problem(system={"process_noise": 0}, prior_std=[0, 0, 0, 0])
+    found = step(problem, mb.MPPIBelief(n_samples=40, horizon=6, schedule="filter", **PRINTED), prior(problem))
+    np.testing.assert_array_equal(found.factors, 0)
+    np.testing.assert_array_equal(found.u, 0)
+    np.testing.assert_allclose(found.ess, 40, rtol=1e-12)

@@ -1,0 +1,81 @@
+"""MPPI-Belief with a covariance for every path: where it must be MPPI-Belief itself, and where it must not."""
+
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+import mppi_belief as mb
+from helpers import light_dark_problem, quick_jit
+from mppi_belief.belief import cost as belief_cost
+from mppi_belief.belief import gaussian as gaussians
+from mppi_belief.belief import kalman as belief
+from mppi_belief.planning.path_integral import PlanInfo
+
+KEY = jax.random.key(7)
+SMALL = mb.JointBelief(n_samples=32, horizon=6, control_std=1.0, temperature=30.0, theta=0.7)
+SHARED = mb.MPPIBelief(n_samples=32, horizon=6, control_std=1.0, temperature=30.0, theta=0.7)
+PLAN = 0.3 * jax.random.normal(jax.random.key(1), (6, 2))
+
+
+@quick_jit
+def act(problem: mb.Problem, controller: mb.Controller, plan: Array = PLAN) -> tuple[Array, Array, PlanInfo]:
+    return controller.act(problem, gaussians.prior(problem), plan, KEY)
+
+
+@quick_jit
+def state_costs(problem: mb.Problem, controls: Array) -> tuple[Array, Array]:
+    start = gaussians.RootBelief(jnp.asarray(problem.prior_mean), jnp.diag(jnp.asarray(problem.prior_std)))
+    return SMALL.state_costs(problem, start, controls)
+
+
+def test_where_the_sensor_is_the_same_everywhere_it_is_mppi_belief(x64):
+    """The covariance of a linear system then depends on no path."""
+    blind = light_dark_problem(system={"noise_slope": 0})
+    for charge in ("end", "start"):
+        own, shared = (act(blind, replace(c, charge=charge)) for c in (SMALL, SHARED))
+        for a, b in zip(jax.tree.leaves(own), jax.tree.leaves(shared), strict=True):
+            np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-9)
+
+
+def test_in_the_light_and_the_dark_it_is_not(x64):
+    looking = light_dark_problem(system={"light": 1.5, "noise_slope": 4}, prior_std=[1, 1, 0.05, 0.05])
+    own, shared = (act(looking, c) for c in (SMALL, SHARED))
+    assert np.abs(own[0] - shared[0]).max() > 1e-3
+    np.testing.assert_allclose(own[2].planned_cov, shared[2].planned_cov, rtol=1e-12, atol=1e-15)
+
+
+def test_each_path_is_charged_for_the_belief_that_its_own_filter_would_have(x64):
+    """Path by path with the filter itself, given the measurements that it expects."""
+    problem, theta = light_dark_problem(), SMALL.theta
+    controls = jax.random.normal(KEY, (6, 2, 2))
+    costs, means = state_costs(problem, controls)
+    for i in range(2):
+        at, total = gaussians.prior(problem), 0.0
+        for k in range(6):
+            ahead = belief.predict(problem, at, controls[k, :, i])
+            at = belief.correct(problem, ahead, problem.system.c(ahead.mean))
+            np.testing.assert_allclose(means[k, :, i], at.mean, rtol=1e-12)
+            total += belief_cost.risk_sensitive(problem.cost, at.mean, at.cov, theta) * problem.dt
+        total += belief_cost.expected_terminal(problem.cost, at.mean, at.cov)
+        np.testing.assert_allclose(costs[i], total, rtol=1e-9)
+
+
+def test_a_path_to_the_light_costs_less_than_the_shared_covariance_says(x64):
+    """Two ways of the same length: the one through the light is the cheaper one."""
+    problem = light_dark_problem(
+        cost={"goal": [4, 0, 0, 0], "w_obs": 0}, prior_mean=[4.0, 0, 0, 0], prior_std=[1, 1, 0.01, 0.01]
+    )
+    push = jnp.stack([jnp.array([u, 0.0]) for u in (6.0, -6.0)], axis=1)
+    controls = jnp.stack([push, push, -push, -push, -push, push])
+    (light, dark), _ = state_costs(problem, controls)
+    assert light < dark - 0.1
+
+
+def test_a_step_without_a_finite_path_keeps_the_plan():
+    control, carried, info = act(light_dark_problem(cost={"terminal_weight": [3e38] * 4}), SMALL)
+    np.testing.assert_array_equal(control, PLAN[0])
+    np.testing.assert_array_equal(carried[:-1], PLAN[1:])
+    assert info.ess == 0

@@ -1,0 +1,192 @@
+"""The controller's options, limits and diagnostics."""
+
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jax import Array
+
+import mppi_belief as mb
+from helpers import assert_covariance, light_dark_problem, quick_jit
+from mppi_belief.belief import cost as belief_cost
+from mppi_belief.belief.gaussian import prior
+from mppi_belief.belief.kalman import gain_schedule
+from mppi_belief.planning import path_integral
+from mppi_belief.planning.path_integral import PlanInfo
+
+KEY = jax.random.key(7)
+# one shape for nearly all tests, so that they share what has been compiled
+SMALL = mb.MPPIBelief(n_samples=32, horizon=6, control_std=1.0, temperature=30.0, theta=0.7, antithetic=True)
+
+
+@quick_jit
+def act_on(problem: mb.Problem, controller: mb.MPPIBelief, plan: Array, key: Array) -> tuple[Array, Array, PlanInfo]:
+    return controller.act(problem, prior(problem), plan, key)
+
+
+def act(
+    controller: mb.MPPIBelief, problem: mb.Problem, plan: Array | None = None, key: Array = KEY
+) -> tuple[Array, Array, PlanInfo]:
+    """One step from the prior, on the zero nominal unless another is given."""
+    return act_on(problem, controller, controller.init(problem) if plan is None else jnp.asarray(plan), key)
+
+
+def test_certainty_equivalence_is_belief_planning_with_nothing_uncertain(x64):
+    near = {"prior_mean": [2.3, 0.8, 0.5, 0]}
+    certain = light_dark_problem(system={"process_noise": 0}, prior_std=[0, 0, 0, 0], **near)
+    belief, mean = (act(replace(SMALL, evaluate=e, theta=0.0), certain) for e in ("belief", "mean"))
+    np.testing.assert_allclose(belief[0], mean[0], rtol=1e-10)
+    np.testing.assert_allclose(belief[2].ess, mean[2].ess, rtol=1e-10)
+    # where something is uncertain, they part
+    belief, mean = (act(replace(SMALL, evaluate=e, theta=0.0), light_dark_problem(**near)) for e in ("belief", "mean"))
+    assert np.abs(belief[0] - mean[0]).max() > 1e-3
+
+
+def test_certainty_equivalence_ignores_theta(light_dark, x64):
+    controller = replace(SMALL, evaluate="mean")
+    np.testing.assert_array_equal(act(controller, light_dark)[0], act(replace(controller, theta=5.0), light_dark)[0])
+
+
+def test_one_trace_serves_every_theta_temperature_and_weight():
+    traces = []
+
+    @quick_jit
+    def step(problem: mb.Problem, controller: mb.MPPIBelief) -> Array:
+        traces.append(controller)
+        return controller.act(problem, prior(problem), controller.init(problem), KEY)[0]
+
+    controls = [
+        step(light_dark_problem(cost={"w_obs": w_obs}), mb.MPPIBelief(16, 5, 10 * theta + 1, 2.75, theta=theta))
+        for theta, w_obs in ((0.0, 100), (0.5, 500), (5.0, 1e4))
+    ]
+    assert len(traces) == 1
+    assert len({tuple(u.tolist()) for u in controls}) == 3
+
+
+def test_diagnostics(light_dark, x64, rng):
+    nominal = rng.normal(size=(6, 2))
+    running_moments = quick_jit(belief_cost.running_moments)
+    schedule = quick_jit(gain_schedule)(light_dark, prior(light_dark), jnp.asarray(nominal))
+    for charge in ("start", "end"):
+        _, _, info = act(replace(SMALL, charge=charge), light_dark, nominal)
+        np.testing.assert_allclose(info.planned_cov, schedule.cov, atol=1e-14)
+        assert info.planned_cov.shape == (7, 4, 4)
+        assert 1 <= info.ess <= 32
+        total = light_dark.cost.terminal_mean(schedule.mean[6], schedule.cov[6])
+        for k in range(6) if charge == "start" else range(1, 7):
+            m = running_moments(light_dark.cost, schedule.mean[k], schedule.cov[k])
+            total += (m.base + m.penalty + 0.35 * m.penalty_var) * 0.1
+        np.testing.assert_allclose(info.nominal_cost, total, rtol=1e-12)
+
+
+def test_the_plan_is_the_improved_nominal_moved_up_by_one_step(light_dark, x64, rng):
+    nominal = rng.normal(size=(6, 2))
+    u, plan, info = act(replace(SMALL, temperature=1e12), light_dark, nominal)
+    # at a huge temperature all samples count the same, and mirrored ones cancel
+    np.testing.assert_allclose(info.ess, 32, rtol=1e-6)
+    np.testing.assert_allclose(u, nominal[0], atol=1e-6)
+    np.testing.assert_allclose(plan, np.vstack([nominal[1:], np.zeros((1, 2))]), atol=1e-6)
+
+
+def test_at_zero_temperature_the_best_sample_is_taken(light_dark, x64):
+    controller = replace(SMALL, temperature=1e-6, evaluate="mean")
+    u, _, info = act(controller, light_dark)
+    samples = jnp.moveaxis(SMALL._normals(KEY, 2, SMALL.n_samples), -1, 0)
+    # each sample's cost is that of the nominal which it would be
+    best = np.argmin([act(controller, light_dark, sample)[2].nominal_cost for sample in samples])
+    np.testing.assert_allclose(u, samples[best, 0], rtol=1e-9)
+    np.testing.assert_allclose(info.ess, 1, rtol=1e-9)
+
+
+@pytest.mark.parametrize("count", [7, 8])
+def test_antithetic_normals_are_mirrored_for_even_and_odd_counts(count):
+    controller = mb.MPPIBelief(n_samples=count, horizon=3, antithetic=True)
+    normals = controller._normals(KEY, 2, count)
+    half = (count + 1) // 2
+    assert normals.shape == (3, 2, count)
+    np.testing.assert_array_equal(normals[..., half:], -normals[..., : count - half])
+    assert len(np.unique(normals[..., :half])) == 6 * half
+
+
+def test_an_odd_number_of_samples_gives_a_control_in_float32(light_dark):
+    u, _, info = act(replace(SMALL, n_samples=7), light_dark)
+    assert u.dtype == np.float32
+    assert np.all(np.isfinite(u))
+    assert 1 - 1e-6 <= info.ess <= 7 + 1e-6
+
+
+def test_mirrored_samples_leave_a_symmetric_problem_alone(x64):
+    """At rest at the goal, a sample and its mirror image cost the same."""
+    problem = light_dark_problem(cost={"w_obs": 0}, prior_mean=[7, 0, 0, 0])
+    u, plan, info = act(replace(SMALL, temperature=0.1), problem)
+    np.testing.assert_allclose(u, 0, atol=1e-12)
+    np.testing.assert_allclose(plan, 0, atol=1e-12)
+    assert info.ess < 31  # though their weights are not the same
+
+
+@pytest.mark.parametrize("count", [24, 23])
+def test_blocks_of_samples_are_weighted_as_if_they_were_one(count, light_dark, x64, monkeypatch):
+    """Against all samples of the same keys put together, with and without surplus samples in the last block."""
+    monkeypatch.setattr(path_integral, "BLOCK", 10)
+    controller = replace(SMALL, n_samples=count, antithetic=False)
+    problem, plan = light_dark, jnp.full((6, 2), 0.3)
+    u, _, info = quick_jit(controller.act)(problem, prior(problem), plan, KEY)  # not act_on: it knows another BLOCK
+    increments = jnp.concatenate([controller._normals(key, 2, 8) for key in jax.random.split(KEY, 3)], -1)[..., :count]
+
+    @quick_jit
+    def all_at_once(problem: mb.Problem, increments: Array) -> tuple[Array, Array]:
+        schedule = gain_schedule(problem, prior(problem), plan)
+        means = path_integral.rollouts(problem, prior(problem).mean, plan[:, :, None] + increments)
+        correction = path_integral.girsanov(plan, increments, problem.cost.R * problem.dt)
+        costs = controller._costs(problem, prior(problem).mean, means, schedule.cov) + correction
+        return means, path_integral.weights(costs, controller.temperature)
+
+    means, w = all_at_once(problem, increments)
+    np.testing.assert_allclose(info.means, means, rtol=1e-12)
+    np.testing.assert_allclose(info.weights, w, rtol=1e-9)
+    np.testing.assert_allclose(u, plan[0] + increments[0] @ w, rtol=1e-9)
+    np.testing.assert_allclose(info.ess, 1 / np.sum(w**2), rtol=1e-9)
+
+
+def test_innovation_samples_have_the_covariance_of_the_diffusion(light_dark, x64):
+    controller = mb.MPPIBelief(n_samples=5000, horizon=3, diffusion="innovation", antithetic=False)
+
+    @quick_jit
+    def sample(problem: mb.Problem) -> tuple[Array, Array | None, Array]:
+        schedule = gain_schedule(problem, prior(problem), controller.init(problem))
+        return *controller._sample(problem, schedule, KEY, controller.n_samples), schedule.diffusion
+
+    increments, disturbance, diffusion = sample(light_dark)
+    for k in range(3):
+        assert_covariance(np.asarray(disturbance[k]).T, np.asarray(diffusion[k]) * 0.1)
+        # the control that would do the same to the velocities
+        np.testing.assert_allclose(increments[k] * 0.1, disturbance[k, 2:], atol=1e-12)
+
+
+def test_the_same_key_gives_the_same_control_and_another_one_another(light_dark, x64):
+    first, again, other = (act(SMALL, light_dark, key=jax.random.key(k))[0] for k in (1, 1, 2))
+    np.testing.assert_array_equal(first, again)
+    assert np.all(first != other)
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        ("n_samples", 0),
+        ("horizon", 0),
+        ("temperature", 0),
+        ("control_std", 0),
+        ("alpha", 1.5),
+        ("theta", -1),
+        ("diffusion", "process"),
+        ("evaluate", "median"),
+        ("risk", "none"),
+        ("charge", "middle"),
+        ("schedule", "none"),
+    ],
+)
+def test_settings_without_meaning_are_refused(field, value):
+    with pytest.raises(ValueError, match=field):
+        mb.MPPIBelief(**{field: value})

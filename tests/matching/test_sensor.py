@@ -1,0 +1,156 @@
+"""A sensor chosen so that matching (15) holds: against definitions written out, by what it leaves, at its limits."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import mppi_belief as mb
+from helpers import Feedback, quick_jit, random_spd
+from mppi_belief.belief.gaussian import prior
+from mppi_belief.belief.kalman import aimed_ahead, gain_schedule, predict
+from mppi_belief.filters import EKF
+from mppi_belief.matching.sensor import LEFT, matching_sensor
+from mppi_belief.matching.weights import matched_weight, residual
+from mppi_belief.simulate import simulate_trial
+
+TEMPERATURE, DT = 0.8, 0.1
+NX, NU = 4, 2
+
+
+class Case:
+    """A covariance, a control channel, R and sigma_o (not diagonal), all random."""
+
+    def __init__(self, seed: int) -> None:
+        rng = np.random.default_rng(seed)
+        self.cov, self.R = random_spd(rng, NX), random_spd(rng, NU)
+        self.G, self.noise = rng.normal(size=(NX, NU)), rng.normal(size=(3, 3)) + 2 * np.eye(3)
+        self.wanted = TEMPERATURE * self.G @ np.linalg.inv(self.R) @ self.G.T
+
+    def sensor(self, dt: float = 0.0, limit: float | None = None) -> np.ndarray:
+        root = jnp.linalg.cholesky(self.cov)
+        return np.asarray(matching_sensor(root, self.G, self.R, TEMPERATURE, self.noise, dt, limit))
+
+    def sampled(self, C: np.ndarray) -> np.ndarray:
+        """D of a measurement every DT, from the covariance of the innovation."""
+        S = C @ self.cov @ C.T + self.noise @ self.noise.T / DT
+        return self.cov @ C.T @ np.linalg.solve(S, C @ self.cov) / DT
+
+    def continuous(self, C: np.ndarray) -> np.ndarray:
+        return self.cov @ C.T @ np.linalg.solve(self.noise @ self.noise.T, C @ self.cov)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_what_the_sensor_sees_is_what_the_controls_could_do(seed, x64):
+    case = Case(seed)
+    case.cov *= 10  # there is enough to be seen in one step
+    np.testing.assert_allclose(case.continuous(case.sensor()), case.wanted, rtol=1e-11, atol=1e-11)
+    np.testing.assert_allclose(case.sampled(case.sensor(DT)), case.wanted, rtol=1e-11, atol=1e-11)
+    assert np.linalg.norm(case.sampled(case.sensor()) - case.wanted) > 1e-3
+    turn, _ = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))
+    turned = case.noise @ turn @ np.linalg.solve(case.noise, case.sensor(DT))
+    np.testing.assert_allclose(case.sampled(turned), case.wanted, rtol=1e-11, atol=1e-11)
+
+
+def test_without_a_limit_the_first_rows_measure_in_the_directions_of_the_controls(x64):
+    case = Case(0)
+    T = np.linalg.cholesky(TEMPERATURE * np.linalg.inv(case.R))
+    expected = case.noise[:, :NU] @ T.T @ case.G.T @ np.linalg.inv(case.cov)
+    np.testing.assert_allclose(case.sensor(), expected, rtol=1e-11, atol=1e-12)
+
+
+def test_a_limit_clips_the_signal_to_noise_ratio_to_the_nearest_and_never_raises_the_residual(x64):
+    case = Case(1)
+    free = np.linalg.solve(case.noise, case.sensor())
+    U, s, Vt = np.linalg.svd(free, full_matrices=False)
+    W, limits, left = matched_weight(jnp.asarray(case.R), TEMPERATURE), np.geomspace(0.05, 3, 15) * s[0], []
+    for limit in limits:
+        held = case.sensor(limit=limit)
+        nearest = (U[:, :NU] * np.minimum(s[:NU], limit)) @ Vt[:NU]
+        np.testing.assert_allclose(np.linalg.solve(case.noise, held), nearest, rtol=1e-10, atol=1e-11)
+        left.append(float(residual(jnp.asarray(case.continuous(held)), jnp.asarray(case.G), W)))
+    assert np.all(np.diff(left) <= 1e-12)
+    assert left[0] > 10
+    assert left[-1] < 1e-12 < 0.1 < left[np.sum(limits < s[0]) // 2]
+
+
+def test_a_covariance_that_is_used_up_is_seen_as_well_as_it_can_be(x64):
+    """Sigma < lambda G R^-1 G' dt: no sensor matches, the best leaves a part LEFT of the variance."""
+    case = Case(2)
+    case.cov *= 1e-4
+    seen = case.sampled(case.sensor(DT)) * DT
+    root = np.linalg.cholesky(case.cov)
+    along, _ = np.linalg.qr(np.linalg.solve(root, case.G))
+    part = along.T @ np.linalg.solve(root, np.linalg.solve(root, seen).T) @ along
+    np.testing.assert_allclose(np.eye(NU) - part, LEFT / (1 + LEFT) * np.eye(NU), rtol=1e-6, atol=1e-9)
+
+
+@pytest.mark.parametrize("std", [0.0, 1e-30])
+def test_what_is_known_for_certain_is_not_measured(std):
+    found = matching_sensor(
+        jnp.diag(jnp.array([0.5, 0.5, std, 0.5])), jnp.eye(4)[:, 2:], jnp.eye(2), 1.0, jnp.eye(2), DT
+    )
+    assert np.all(np.isfinite(found))
+    np.testing.assert_array_equal(np.asarray(found)[:, 2], 0)
+    assert np.abs(np.asarray(found)[:, 3]).max() > 0.1
+
+
+def test_fewer_measurements_than_controls_are_refused():
+    with pytest.raises(ValueError, match="1 < 2"):
+        matching_sensor(jnp.eye(3), jnp.ones((3, 2)), jnp.eye(2), 1.0, jnp.eye(1))
+
+
+def platform(**changes: object) -> mb.Problem:
+    """Two coupled oscillators, gusts on both."""
+    A = np.array([[0, 0, 1, 0], [0, 0, 0, 1], [-1, 0.3, -0.5, 0], [0.1, -1, 0, -0.5]])
+    G = np.eye(4)[:, 2:]
+    R = np.array([[5.0, 1.0], [1.0, 6.0]])
+    system = mb.Steered(A, G, np.eye(2, 4), 0.5 * G, [0.3, 0.2], R, 1.0, **changes)
+    none = mb.Obstacles(np.zeros((0, 2)), 0)
+    cost = mb.GoalObstacleCost(np.zeros(4), np.ones(4), np.ones(4), R, none, 0, 1)
+    return mb.Problem(system, cost, [0.3, 0, 0, 0.2], [0.4, 0.5, 0.5, 0.4], dt=DT, steps=12)
+
+
+@pytest.mark.parametrize(("method", "convention"), [("filter", "sample"), ("riccati", "intensity")])
+def test_matching_holds_along_a_schedule_and_only_with_the_selector(method, convention, x64):
+    def largest(problem: mb.Problem) -> float:
+        schedule = gain_schedule(problem, prior(problem), jnp.zeros((problem.steps, 2)), method)
+        W = matched_weight(problem.cost.R, 1.0)
+        return jax.vmap(lambda D: residual(D, problem.system.G(D[0]), W))(schedule.diffusion).max()
+
+    problem = platform(noise_convention=convention, limit=1e6)
+    assert quick_jit(largest)(problem) < 1e-12
+    assert quick_jit(largest)(dataclasses.replace(problem, system=dataclasses.replace(problem.system, limit=0.5))) > 0.3
+
+
+def test_the_plant_measures_with_the_sensor_that_the_filter_and_the_plan_have(x64):
+    """A trial's measurements, less what the filter expected, over their covariance: with the filter's own C."""
+    problem, n = dataclasses.replace(platform(), steps=4), 300
+    trials = quick_jit(jax.vmap(lambda t: simulate_trial(problem, EKF(), Feedback(0.2), 3, t)))(jnp.arange(n))
+    plan = gain_schedule(problem, prior(problem), jnp.zeros((4, 2)))
+    np.testing.assert_allclose(trials.beliefs.cov[0], plan.cov, rtol=1e-10, atol=1e-13)
+    jumps = []
+    for k in range(4):
+        before, u = mb.Belief(trials.beliefs.mean[0, k], plan.cov[k]), trials.controls[0, k]
+        ahead, at = predict(problem, before, u).mean, aimed_ahead(problem, before, u)
+        moved = ahead + plan.gain[k] @ (trials.measurements[0, k] - at.system.c(ahead))
+        np.testing.assert_allclose(trials.beliefs.mean[0, k + 1], moved, rtol=1e-9, atol=1e-11)
+        errors = np.asarray(trials.states[:, k + 1] - trials.beliefs.mean[:, k + 1])
+        whitened = np.linalg.solve(np.linalg.cholesky(np.asarray(plan.cov[k + 1])), errors.T)
+        jumps.append(np.sum(whitened**2))
+    # chi-squared with 4 degrees of freedom: a plant that measured otherwise would leave other errors
+    assert abs(np.mean(jumps) / n - 4) < 4.5 * np.sqrt(8 / n)
+
+
+def test_a_sensor_once_turned_stays():
+    problem = platform()
+    turned = aimed_ahead(problem, prior(problem), jnp.zeros(2))
+    assert turned.system.selector == "fixed"
+    assert np.abs(np.asarray(turned.system.C) - np.eye(2, 4)).max() > 0.1
+    assert aimed_ahead(turned, prior(problem), jnp.zeros(2)).system.C is turned.system.C
+
+
+def test_a_system_that_cannot_be_turned_is_left_alone(light_dark):
+    assert aimed_ahead(light_dark, prior(light_dark), jnp.zeros(2)) is light_dark

@@ -1,0 +1,139 @@
+"""Small matrices against NumPy, in both precisions and over bad scales."""
+
+from contextlib import nullcontext
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from helpers import float64, quick_jit, random_spd
+from mppi_belief.numerics import linalg
+
+PRECISIONS = {"float32": (nullcontext, np.float32), "float64": (float64, np.float64)}
+inverse = quick_jit(linalg.spd_inverse)
+factorise = quick_jit(linalg.psd_factor)
+precision = pytest.mark.parametrize("precision", PRECISIONS)
+
+
+@precision
+@pytest.mark.parametrize("n", [1, 2, 3])
+@settings(max_examples=60, deadline=None, derandomize=True)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_spd_inverse_under_any_units(n, precision, seed):
+    """Units of 1e-6 to 1e6 per component, so entries of 1e-12 to 1e12, must not cost digits."""
+    context, dtype = PRECISIONS[precision]
+    rng = np.random.default_rng(seed)
+    units = 10 ** rng.uniform(-6, 6, n)
+    with context():
+        M = (random_spd(rng, n, 0.1, 2.0) * np.outer(units, units)).astype(dtype)
+        M = np.tril(M) + np.tril(M, -1).T
+        found = np.asarray(inverse(M))
+    assert found.dtype == dtype
+    np.testing.assert_array_equal(found, found.T)
+    units = np.sqrt(np.diag(M).astype(np.float64))
+    expected = np.linalg.inv(M / np.outer(units, units))
+    # condition number up to 20 in the natural units; LAPACK's pivoting, used from n = 3 on, minds the units
+    np.testing.assert_allclose(found * np.outer(units, units), expected, atol=(60 if n < 3 else 2000) * eps(dtype))
+
+
+def eps(dtype: type) -> float:
+    return float(np.finfo(dtype).eps)
+
+
+@settings(max_examples=60, deadline=None, derandomize=True)
+@given(seed=st.integers(0, 2**32 - 1), log_condition=st.floats(0, 9))
+def test_spd_inverse_of_a_nearly_singular_matrix_stays_definite(seed, log_condition):
+    rng = np.random.default_rng(seed)
+    v = rng.normal(size=2)
+    M = (np.outer(v, v) / (v @ v) * 10**log_condition + np.eye(2)).astype(np.float32)
+    found = np.asarray(inverse(M)).astype(np.float64)
+    assert np.all(np.diag(found) > 0)
+    assert np.linalg.det(found) >= -4 * eps(np.float32) * np.prod(np.diag(found))
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_log_det_1p_of_a_large_rank_one_matrix_is_a_number_in_float32(seed):
+    v = 3e3 * np.random.default_rng(seed).normal(size=2)
+    found = linalg.log_det_1p(jnp.asarray(np.outer(v, v), dtype=jnp.float32))
+    # what rounding makes of its determinant, up to eps of the product of two entries, is all that may be added
+    low, slack = np.log1p(v @ v), 4 * eps(np.float32) * np.max(v**2) ** 2
+    assert low - 1e-5 <= found <= np.log1p(v @ v + slack) + 1e-5
+
+
+@pytest.mark.parametrize("n", [1, 2, 3])
+@pytest.mark.parametrize("scale", [1e-30, 1e-9, 1e-4, 1e-2, 1.0, 1e3])
+def test_log_det_1p_is_accurate_in_float32_for_small_and_large(n, scale, rng):
+    M = (scale * random_spd(rng, n)).astype(np.float32)
+    expected = np.sum(np.log1p(np.linalg.eigvalsh(M.astype(np.float64))))
+    np.testing.assert_allclose(linalg.log_det_1p(jnp.asarray(M)), expected, rtol=4 * n * eps(np.float32))
+
+
+@pytest.mark.parametrize("n", [1, 2, 3])
+@pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
+def test_log_det_spd_under_any_units(n, scale, x64, rng):
+    units = scale * 10 ** rng.uniform(-3, 3, n)
+    M = random_spd(rng, n) * np.outer(units, units)
+    np.testing.assert_allclose(linalg.log_det_spd(jnp.asarray(M)), np.linalg.slogdet(M)[1], rtol=1e-12, atol=1e-12)
+
+
+def test_log_det_of_i_plus_m_itself_would_lose_the_small():
+    M = np.float32(1e-9) * np.eye(2, dtype=np.float32)
+    assert np.linalg.slogdet(np.eye(2, dtype=np.float32) + M)[1] == 0
+    assert linalg.log_det_1p(jnp.asarray(M)) == pytest.approx(2e-9)
+
+
+@precision
+@pytest.mark.parametrize(("n", "rank"), [(n, r) for n in (1, 2, 4) for r in range(n + 1)])
+def test_psd_factor_has_the_rank_of_the_matrix(n, rank, precision, rng):
+    context, dtype = PRECISIONS[precision]
+    for scale in (1e-6, 1.0, 1e6):
+        basis, _ = np.linalg.qr(rng.normal(size=(n, n)))
+        values = np.append(rng.uniform(0.1, 1, rank), np.zeros(n - rank))
+        M = (scale * basis @ np.diag(values) @ basis.T).astype(dtype)
+        with context():
+            L, found = (np.asarray(part) for part in factorise(M))
+        assert found == rank == np.linalg.matrix_rank(M, hermitian=True)
+        np.testing.assert_array_equal(L[:, rank:], 0)
+        assert np.all(np.any(L[:, :rank] != 0, axis=0))
+        np.testing.assert_allclose(L @ L.T, M, atol=20 * n * eps(dtype) * scale)
+
+
+def test_psd_factor_of_zero_is_zero_of_rank_zero():
+    L, rank = factorise(jnp.zeros((3, 3)))
+    assert rank == 0
+    np.testing.assert_array_equal(L, 0)
+
+
+def test_symmetrise_takes_the_symmetric_part_of_a_batch(rng):
+    M = rng.normal(size=(5, 3, 3))
+    np.testing.assert_allclose(linalg.symmetrise(M), (M + M.transpose(0, 2, 1)) / 2)
+
+
+@pytest.mark.parametrize("n", [1, 2, 5])
+@pytest.mark.parametrize("diagonal", [True, False])
+def test_forms_and_products_by_components_match_numpy(n, diagonal, x64, rng):
+    weight = rng.uniform(0.5, 2, n) if diagonal else random_spd(rng, n)
+    M = np.diag(weight) if diagonal else weight
+    x, reference = rng.normal(size=(2, n))
+    # a vector may come whole or by components
+    for form in (jnp.asarray(x), list(x)):
+        np.testing.assert_allclose(linalg.quadratic_form(weight, form), x @ M @ x, rtol=1e-13)
+        np.testing.assert_allclose(jnp.stack(linalg.apply(weight, form)), M @ x, rtol=1e-12, atol=1e-14)
+        np.testing.assert_allclose(linalg.dot(reference, form), reference @ x, rtol=1e-12)
+        np.testing.assert_allclose(jnp.stack(linalg.minus(form, reference)), x - reference, rtol=1e-14)
+    np.testing.assert_array_equal(linalg.as_matrix(weight), M)
+
+
+def test_apply_takes_rectangular_matrices_and_minus_stops_at_the_reference(x64, rng):
+    M, x = rng.normal(size=(4, 3)), rng.normal(size=3)
+    np.testing.assert_allclose(jnp.stack(linalg.apply(M, x)), M @ x, rtol=1e-12)
+    np.testing.assert_allclose(jnp.stack(linalg.minus(x, np.array([1.0, 2.0]))), x[:2] - [1, 2], rtol=1e-14)
+
+
+def test_batches_by_vmap_keep_the_sample_as_last_axis(x64, rng):
+    M, x = random_spd(rng, 3), rng.normal(size=(3, 7))
+    found = jax.vmap(lambda v: linalg.quadratic_form(M, v), in_axes=-1)(x)
+    np.testing.assert_allclose(found, np.einsum("in,ij,jn->n", x, M, x), rtol=1e-13)

@@ -1,0 +1,115 @@
+"""Trajectory optimisation: exact on LQ problems, monotone, stationary where it stops."""
+
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import mppi_belief as mb
+from helpers import light_dark_problem, quick_jit
+from linear_system import lqr, random_problem
+from mppi_belief.belief.cost import certainty_equivalent
+from mppi_belief.planning import ilqr
+
+SETTINGS = ilqr.Settings(tolerance=1e-9, max_iterations=100, damping=1e-6, factor=4.0, most=1e8)
+
+
+def objective(problem: mb.Problem, horizon: int, charge: str = "end"):
+    return ilqr.state_cost(problem, lambda x: certainty_equivalent(problem.cost, x), horizon, charge)
+
+
+@partial(quick_jit, static_argnames=("horizon", "charge"))
+def _solve(problem: mb.Problem, start, settings: ilqr.Settings, horizon: int, charge: str) -> ilqr.Solution:
+    return ilqr.solve(problem, objective(problem, horizon, charge), ilqr.still(problem, horizon), start, settings)
+
+
+def solve(
+    problem: mb.Problem, start, settings: ilqr.Settings = SETTINGS, horizon: int = 30, charge: str = "end"
+) -> ilqr.Solution:
+    return _solve(problem, jnp.asarray(start), settings, horizon, charge)
+
+
+@quick_jit
+def closed_loops(problem: mb.Problem, controller: mb.EKFiLQG) -> mb.Trial:
+    """Four trials."""
+    return jax.vmap(lambda i: mb.simulate_trial(problem, mb.EKF(), controller, 0, i))(jnp.arange(4))
+
+
+@pytest.mark.parametrize("charge", ["start", "end"])
+def test_one_iteration_solves_a_linear_quadratic_problem(charge, x64, rng):
+    problem, horizon = random_problem(rng), 12
+    start = np.asarray(problem.prior_mean) + 1.0
+    once = SETTINGS._replace(max_iterations=1)
+    found = solve(problem, start, once, horizon, charge)
+    charged = np.ones(horizon + 1)
+    charged[0 if charge == "end" else -1] = 0
+    np.testing.assert_allclose(found.policy.controls, lqr(problem, start, charged), rtol=1e-8, atol=1e-8)
+
+
+def test_the_gains_are_the_derivative_of_the_optimal_control(x64, rng):
+    problem, start, horizon = random_problem(rng), np.array([0.4, -0.2, 0.7]), 12
+    charged = np.ones(horizon + 1)
+    charged[0] = 0
+    found = solve(problem, start, horizon=horizon)
+    for direction in np.eye(3):
+        moved = lqr(problem, start + direction, charged)[0] - lqr(problem, start, charged)[0]
+        np.testing.assert_allclose(found.policy.gains[0] @ direction, moved, rtol=1e-8, atol=1e-8)
+
+
+@pytest.mark.parametrize("start", [[1.0, 1.0, 0.0, 0.0], [2.0, -0.9, 1.0, 0.3], [3.0, 0.95, 0.0, 0.0]])
+def test_cost_never_rises_from_one_iteration_to_the_next(start, light_dark, x64):
+    costs = [
+        float(solve(light_dark, start, settings=SETTINGS._replace(max_iterations=count)).cost) for count in range(1, 16)
+    ]
+    assert np.all(np.diff(costs) <= 1e-12)
+    assert costs[-1] < costs[0]  # there was something to improve: the penalty is not quadratic
+
+
+@pytest.mark.parametrize("start", [[1.0, 1.0, 0.0, 0.0], [2.0, -0.9, 1.0, 0.3], [5.0, 3.0, -1.0, 0.0]])
+def test_the_solution_is_stationary(start, light_dark, x64):
+    found = solve(light_dark, start)
+    assert found.converged
+    cost = objective(light_dark, 30)
+
+    def value(controls):
+        open_loop = found.policy._replace(controls=controls, gains=jnp.zeros_like(found.policy.gains))
+        return ilqr.total_cost(light_dark, cost, ilqr.follow(light_dark, open_loop, jnp.asarray(start)))
+
+    np.testing.assert_allclose(quick_jit(value)(found.policy.controls), found.cost, rtol=1e-10)
+    gradient = quick_jit(jax.grad(value))
+    at_rest = np.linalg.norm(gradient(jnp.zeros((30, 2))))
+    assert np.linalg.norm(gradient(found.policy.controls)) < 1e-3 * at_rest
+
+
+def test_an_indefinite_hessian_is_projected_to_the_nearest_psd_matrix(x64, rng):
+    values = np.array([2.0, -1.0, 0.5])
+    basis, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+    projected = ilqr._convex(jnp.asarray(basis @ np.diag(values) @ basis.T))
+    np.testing.assert_allclose(projected, basis @ np.diag([2.0, 0.0, 0.5]) @ basis.T, atol=1e-12)
+
+
+def test_following_a_policy_from_elsewhere_uses_its_feedback(x64, rng):
+    problem = random_problem(rng)
+    policy = ilqr.still(problem, 4)._replace(gains=jnp.ones((4, 2, 3)))
+    away = jnp.asarray(problem.prior_mean) + 0.1
+    followed = quick_jit(ilqr.follow)(problem, policy, away)
+    np.testing.assert_allclose(followed.controls[0], np.full(2, 0.3), rtol=1e-12)
+
+
+def test_a_shifted_policy_is_the_same_policy_one_step_later(x64, light_dark):
+    policy = solve(light_dark, [1.0, 1.0, 0.0, 0.0]).policy
+    later = ilqr.shifted(policy)
+    np.testing.assert_array_equal(later.controls[:-1], policy.controls[1:])
+    np.testing.assert_array_equal(later.states[:-1], policy.states[1:])
+    assert not later.controls[-1].any()
+    assert not later.gains[-1].any()
+
+
+@pytest.mark.parametrize("w_obs", [0.0, 500.0, 1e4, 1e8])
+def test_the_closed_loop_stays_finite_in_float32_through_many_iterations(w_obs):
+    problem = light_dark_problem(cost={"w_obs": w_obs}, steps=25)
+    trials = closed_loops(problem, mb.EKFiLQG(horizon=20, tolerance=1e-12))
+    assert np.all(np.isfinite(trials.states))
+    assert np.all(np.isfinite(trials.controls))

@@ -1,0 +1,223 @@
+"""Table I: its text, its CSV and its LaTeX say what is in the files, whoever failed and whatever is missing."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy import stats
+
+from mppi_belief.report.cell_results import Found, paired
+from mppi_belief.report.comparison import as_latex, differences, table_1
+from mppi_belief.report.elements import table
+from report_helpers import lost, random_trials, read, rows_on_disk, setting, store, trials
+from study_helpers import row
+
+METHODS = {"belief": (0.0, 56.0), "ce": (0.3, 50.0), "pipf": (0.2, 47.0), "ilqg": (0.25, 46.0)}
+CELLS = {method: setting(method) for method in METHODS}
+SECONDS = {"belief": 0.018, "ce": 0.013, "pipf": 0.296}  # none of ilqg
+PAPER = {  # Table I
+    "MPPI-Belief": ("56.5 ± 5.2", "0.0", "18"),
+    "CE-MPPI": ("50.5 ± 6.2", "23.0", "13"),
+    "PIPF": ("47.6 ± 5.5", "18.0", "296"),
+    "EKF-iLQG": ("46.1 ± 6.2", "24.5", "148"),
+}
+NUMBER = r"-?\d+\.\d+"
+
+
+@pytest.fixture(scope="module")
+def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """200 trials of each method: some failed, some of ce missing, files written in another order than they ran."""
+    path, rng = tmp_path_factory.mktemp("results"), np.random.default_rng(3)
+    for method, (rate, cost) in METHODS.items():
+        numbers = rng.permutation(200)[: 170 if method == "ce" else 200]
+        rows = random_trials(rng, numbers, rate, cost)
+        bad = {"belief": (3, 77), "pipf": (4, 77, 150)}.get(method, ())
+        rows = [lost(r["trial"]) if r["trial"] in bad else r for r in rows]
+        seconds = SECONDS[method] * np.arange(90, 111) / 100 if method in SECONDS else []
+        store(path, CELLS[method], rows, list(seconds))
+        store(path, CELLS[method], [row(trial, cost=1e6, collided=True) for trial in range(200, 205)])  # not asked for
+    return path
+
+
+@pytest.fixture(scope="module")
+def founds(root: Path) -> list[Found]:
+    return read(root, *CELLS.values())
+
+
+@pytest.fixture(scope="module")
+def disk(root: Path) -> dict[str, pd.DataFrame]:
+    """The good rows of the trials asked for, by pandas alone."""
+    tables = {method: rows_on_disk(root, cell) for method, cell in CELLS.items()}
+    return {method: rows[rows.index < 200] for method, rows in tables.items()}
+
+
+def numbers_in(text: str) -> list[float]:
+    return [float(number) for number in re.findall(NUMBER, text)]
+
+
+def clopper_pearson(rows: pd.DataFrame) -> tuple[float, float, float]:
+    """In %."""
+    test = stats.binomtest(int(rows["collided"].sum()), len(rows))
+    interval = test.proportion_ci(0.95, method="exact")
+    return 100 * test.statistic, 100 * interval.low, 100 * interval.high
+
+
+def test_the_text_says_what_is_in_the_files(founds, disk):
+    frame = table_1(founds)
+    assert frame["Method"].tolist() == [*PAPER]
+    assert frame["Trials"].tolist() == ["198", "170", "197", "200"]
+    for (_, line), (method, rows) in zip(frame.iterrows(), disk.items(), strict=True):
+        np.testing.assert_allclose(numbers_in(line["Cost"]), (rows["cost"].mean(), rows["cost"].std()), atol=0.0501)
+        np.testing.assert_allclose(numbers_in(line["Collision %"]), clopper_pearson(rows), atol=0.0501)
+        assert (line["Paper: cost"], line["Paper: collision %"], line["Paper: ms"]) == PAPER[line["Method"]]
+        # the median of 0.90, 0.91, ..., 1.10 is 1 and their 95 % point is 1.09
+        ms = [1e3 * SECONDS[method] * part for part in (1, 1.09)] if method in SECONDS else []
+        np.testing.assert_allclose(numbers_in(line["Time ms (p95)"]), ms, atol=0.00501)
+    assert frame["Time ms (p95)"].tolist()[-1] == "-"
+
+
+def test_the_csv_has_the_numbers_in_full(founds, disk, tmp_path):
+    table(tmp_path, "table_1", "Table I", table_1(founds), founds)
+    written = pd.read_csv(tmp_path / "table_1.csv")
+    assert written["controller"].tolist() == [*METHODS]
+    for (_, line), rows in zip(written.iterrows(), disk.values(), strict=True):
+        n, cost = len(rows), rows["cost"]
+        assert (line["trials"] - line["failed"], line["collisions"]) == (n, rows["collided"].sum())
+        np.testing.assert_allclose((line["cost"], line["sd"]), (cost.mean(), cost.std()), rtol=1e-12)
+        for name in ("cost", "clearance"):
+            low, high = stats.t.interval(0.95, n - 1, loc=rows[name].mean(), scale=stats.sem(rows[name]))
+            np.testing.assert_allclose(line[[f"{name}_low", f"{name}_high"]].astype(float), (low, high), rtol=1e-9)
+        rates = line[["collided", "collided_low", "collided_high"]].astype(float)
+        np.testing.assert_allclose(100 * rates, clopper_pearson(rows), rtol=1e-7, atol=1e-12)
+        np.testing.assert_allclose(line["clearance"], rows["clearance"].mean(), rtol=1e-12)
+        assert line["ess"] == 8
+    np.testing.assert_allclose(written["time"], [18, 13, 296, np.nan], rtol=1e-12)
+    np.testing.assert_allclose(written["time_p95"], 1.09 * written["time"], rtol=1e-12)
+
+
+def test_markdown_has_a_cell_for_every_column(founds, tmp_path):
+    table(tmp_path, "table_1", "Table I", table_1(founds), founds)
+    head, rule, *lines = (tmp_path / "table_1.md").read_text().splitlines()
+    assert [cell.strip() for cell in head.strip("|").split("|")] == [*table_1(founds).columns]
+    assert set(rule) == set("| -")
+    cells = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
+    assert cells == table_1(founds).to_numpy().tolist()
+
+
+def body_of(latex: str) -> list[list[str]]:
+    """The cells of the rows below \\midrule."""
+    body = latex.partition("\\midrule\n")[2].partition("\\bottomrule")[0]
+    return [[cell.strip() for cell in line.removesuffix(r"\\").split(" & ")] for line in body.splitlines()]
+
+
+def test_latex_says_what_is_in_the_files(founds, disk):
+    lines = body_of(as_latex(founds))
+    assert [cells[0] for cells in lines] == [*PAPER]
+    for cells, (method, rows) in zip(lines, disk.items(), strict=True):
+        assert len(cells) == 7
+        np.testing.assert_allclose(numbers_in(cells[1]), (rows["cost"].mean(), rows["cost"].std()), atol=0.0501)
+        np.testing.assert_allclose(numbers_in(cells[2]), clopper_pearson(rows), atol=0.0501)
+        assert cells[3] == (f"{1e3 * SECONDS[method]:.1f}" if method in SECONDS else "--")
+        cost, rate, ms = PAPER[cells[0]]
+        assert cells[4:] == [f"${cost.replace('±', chr(92) + 'pm')}$", rf"{rate}\%", ms]
+
+
+def assert_sound(latex: str) -> None:
+    """Braces, environments and mathematics are closed, the rules are those of booktabs, rows fill the columns."""
+    depth = 0
+    for brace in re.findall(r"(?<!\\)[{}]", latex):
+        depth += 1 if brace == "{" else -1
+        assert depth >= 0
+    assert depth == 0
+    opened: list[str] = []
+    for kind, name in re.findall(r"\\(begin|end)\{(\w+)\}", latex):
+        if kind == "begin":
+            opened.append(name)
+        else:
+            assert opened.pop() == name
+    assert opened == []
+    rules = re.findall(r"\\(toprule|cmidrule|midrule|bottomrule|hline)", latex)
+    assert rules == ["toprule", "cmidrule", "cmidrule", "midrule", "bottomrule"]
+    columns = len(re.search(r"\\begin\{tabular\}\{([lcr]+)\}", latex)[1])
+    rows = [line for line in latex.splitlines() if line.endswith(r"\\")]
+    assert len(rows) >= 3
+    for line in rows:
+        spans = [int(span) for span in re.findall(r"\\multicolumn\{(\d+)\}", line)]
+        assert len(re.findall(r"(?<!\\)&", line)) + 1 + sum(spans) - len(spans) == columns
+        assert len(re.findall(r"(?<!\\)\$", line)) % 2 == 0
+        outside = re.sub(r"\$[^$]*\$", "", line)
+        assert not re.search(r"(?<!\\)[_^#%]", outside), line
+        assert outside.isascii()
+
+
+def test_latex_is_sound(founds):
+    assert_sound(as_latex(founds))
+    assert_sound(as_latex(read(Path("nowhere"), setting("ce"))))
+
+
+def test_latex_is_sound_for_a_method_of_a_users_own(tmp_path):
+    cell = setting("my_controller")
+    store(tmp_path, cell, trials(5))
+    assert_sound(as_latex(read(tmp_path, cell)))
+
+
+def test_methods_are_compared_over_the_good_trials_that_both_have(founds, disk):
+    frame = differences(founds)
+    assert frame["Difference"].tolist() == [f"MPPI-Belief - {name}" for name in ("CE-MPPI", "PIPF", "EKF-iLQG")]
+    for (_, line), method in zip(frame.iterrows(), ("ce", "pipf", "ilqg"), strict=True):
+        both = disk["belief"].merge(disk[method], left_index=True, right_index=True, suffixes=("_1", "_2"))
+        assert line["Pairs"] == str(len(both))
+        cost = both["cost_1"] - both["cost_2"]
+        value, low, high = numbers_in(line["Cost [95 %]"])
+        assert value == pytest.approx(cost.mean(), abs=0.00501)
+        # the bootstrap's interval of nearly normal differences is nearly the normal one: 1.96 to 5 %
+        half = 1.96 * cost.sem()
+        np.testing.assert_allclose((low, high), (cost.mean() - half, cost.mean() + half), atol=0.1 * half)
+        hits = both["collided_1"].astype(int) - both["collided_2"].astype(int)
+        value, low, high = numbers_in(line["Collisions, points [95 %]"])
+        assert value == pytest.approx(100 * hits.mean(), abs=0.0501)
+        p = stats.binomtest(int((hits > 0).sum()), int((hits != 0).sum())).pvalue
+        assert float(line["McNemar p"]) == pytest.approx(p, rel=0.06)
+        assert p < 1e-6
+        assert high < 0
+
+
+def test_pairs_are_made_by_trial_and_not_by_place(tmp_path):
+    first, second = setting("belief"), setting("ce")
+    costs = dict(enumerate([60.0, 50.0, 41.0, 33.0, 26.0, 20.0]))
+    store(tmp_path, first, [row(trial, cost=cost) for trial, cost in costs.items()])
+    rows = [row(trial, cost=cost - trial) for trial, cost in costs.items() if trial != 1]
+    store(tmp_path, second, [*rows[::-1], lost(1)])
+    founds = read(tmp_path, first, second)
+    one, other = paired(*founds)
+    assert one.index.tolist() == other.index.tolist() == [0, 2, 3, 4, 5]
+    assert (one["cost"] - other["cost"]).tolist() == [0, 2, 3, 4, 5]
+    (line,) = differences(founds).to_dict("records")
+    assert line["Pairs"] == "5"
+    assert line["Cost [95 %]"].startswith("2.80 [")
+    assert line["McNemar p"] == "1"
+
+
+def test_without_common_trials_or_without_a_reference_nothing_is_claimed(tmp_path):
+    first, second = setting("belief"), setting("ce")
+    store(tmp_path, first, [row(trial) for trial in range(5)])
+    store(tmp_path, second, [row(trial) for trial in range(5, 9)])
+    founds = read(tmp_path, first, second)
+    (line,) = differences(founds).to_dict("records")
+    assert [*line.values()][1:] == ["0", "-", "-", "-"]
+    assert differences(founds[1:]).empty
+    assert differences(founds[:1]).empty
+
+
+def test_a_table_of_nothing_and_of_failures_can_be_written(tmp_path):
+    empty, broken = setting("belief"), setting("ce")
+    store(tmp_path, broken, [lost(0), lost(1)])
+    founds = read(tmp_path, empty, broken)
+    frame = table_1(founds)
+    assert frame["Trials"].tolist() == ["0", "0"]
+    assert set(frame[["Cost", "Collision %", "Time ms (p95)"]].to_numpy().ravel()) == {"-"}
+    assert [cells[1:4] for cells in body_of(as_latex(founds))] == [["--"] * 3] * 2
+    table(tmp_path, "table_1", "Table I", frame, founds)
+    assert pd.read_csv(tmp_path / "table_1.csv")["failed"].tolist() == [0, 2]

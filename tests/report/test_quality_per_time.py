@@ -1,0 +1,271 @@
+"""Quality per time: which cells the study has, what is said of them, what is drawn."""
+
+import itertools
+import re
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.text import Annotation
+
+from cli_helpers import CONF, call, collect
+from mppi_belief.config.compose import grids
+from mppi_belief.report import figures
+from mppi_belief.report.cell_results import Found
+from mppi_belief.report.sections.quality_per_time import ABOVE, ENOUGH, advice, collisions, lines
+from mppi_belief.report.sections.studies import sections
+from mppi_belief.report.statistics import paired_rate_difference
+from mppi_belief.report.summary import interval
+from mppi_belief.run.plan import Cell
+from report_helpers import held, lost, setting, spread_out, trials
+from study_helpers import row
+
+N = 20
+STUDY = "quality_per_time"
+KEYS = {"pipf": "controller.n_samples", "ilqg": "controller.max_iterations"}
+SD = 6.0
+
+
+def cell(method: str, value: int) -> Cell:
+    """A method at a value of what it is swept over, as `collect` makes it."""
+    key = KEYS.get(method, "planner.n_samples")
+    config = setting(method, **{key: value}).config
+    filter = {"n_particles": 50} if method == "pipf" else {}
+    problem = {"dt": 0.1}
+    return Cell(config | {"controller": {key.rpartition(".")[2]: value}, "filter": filter, "problem": problem})
+
+
+def found(method: str, value: int, cost: float, ms: float | None = None, hits: int = 0) -> Found:
+    """A cell whose trials all cost as much above those of another cell as their means are apart."""
+    made = held(cell(method, value), trials(N, hits, (cost, SD)))
+    return made if ms is None else made._replace(seconds=[1e-3 * ms * part for part in (0.9, 1.0, 1.0, 1.1)])
+
+
+def belief() -> list[Found]:
+    """Three numbers of samples, the largest the best by 2 and 10 %."""
+    return [found("belief", 50, 55.0, 0.2), found("belief", 500, 51.0, 0.5), found("belief", 5000, 50.0, 4.0)]
+
+
+def test_a_study_is_its_yaml_and_those_that_begin_with_its_name_and_a_dot(tmp_path):
+    assert grids([f"experiment={STUDY}", "n_trials=3"]) == [
+        [f"experiment={STUDY}{name}", "n_trials=3"] for name in ("", ".ilqg", ".pipf")
+    ]
+    for args in ([], ["theta=1"], ["experiment=table_1"], ["experiment="], [f"experiment={STUDY}.pipf"]):
+        assert grids(args) == [args]
+    (tmp_path / "experiment").mkdir()
+    for name in ("mine.more.yaml", "mine_too.yaml"):
+        (tmp_path / "experiment" / name).touch()
+    args = ["--config-dir", str(tmp_path), "experiment=mine"]
+    (tmp_path / "experiment" / "mine.yaml").write_text("hydra:\n  sweeper:\n    params:\n      theta: 0,1\n")
+    assert grids(args) == [args, [*args[:2], "experiment=mine.more"]]
+    assert grids([*args, "theta=2"]) == [[*args, "theta=2"]]  # a part of the first grid
+    assert len(grids([*args, "seed=2"])) == 2
+
+
+def test_the_study_has_table_1_among_its_cells_and_nothing_twice():
+    ids = [Cell(config).id for config in collect(f"experiment={STUDY}")]
+    assert len(set(ids)) == len(ids)
+    assert {Cell(config).id for config in collect("experiment=table_1")} < set(ids)
+    assert {name.partition("-")[0] for name in ids} == {"belief", "ce", "pipf", "ilqg"}
+
+
+def test_a_configuration_is_printed_once(tmp_path, capsys):
+    said = call(tmp_path, capsys, "run", f"experiment={STUDY}", "--cfg", "job")
+    assert (said.code, said.out.count("\ncontroller:")) == (0, 1)
+
+
+def test_every_file_of_the_study_is_documented():
+    text = (CONF.parent / "experiments" / f"{STUDY}.md").read_text()
+    assert all(f"experiment={grid[0].partition('=')[2]}" in text for grid in grids([f"experiment={STUDY}"]))
+
+
+def test_a_line_says_time_samples_and_what_they_buy_above_the_best():
+    one, two, best = belief()
+    pipf = found("pipf", 20, 52.0)
+    ilqg = held(cell("ilqg", 1), [*trials(4), lost(9)])
+    table = lines([[one, two, best], [pipf], [ilqg]])
+    assert table["method"].tolist() == ["MPPI-Belief"] * 3 + ["PIPF", "EKF-iLQG"]
+    assert table["setting"].tolist() == [*(f"planner.n_samples={n}" for n in (50, 500, 5000)), "-", "-"]
+    assert table["samples"].tolist() == ["50", "500", "5000", "1000", "-"]
+    assert table["ms/step (p95)"].tolist()[2:] == ["4.00 (4.34)", "-", "-"]
+    assert table[ABOVE].tolist() == ["5.00 [5.00, 5.00]", "1.00 [1.00, 1.00]", "-", "-", "-"]
+    assert table["trials"].tolist() == ["20", "20", "20", "20", "5 (1 failed)"]
+
+
+def test_costs_are_compared_on_the_trials_that_both_have():
+    one = held(cell("belief", 50), [row(t, cost=60.0 + t) for t in range(1, 9)])
+    two = held(cell("belief", 500), [lost(3), *(row(t, cost=50.0 + t) for t in range(9) if t != 3)])
+    (text, _) = lines([[one, two]])[ABOVE]
+    assert text == "10.00 [10.00, 10.00]"
+
+
+def told(found: Found, value: int) -> str:
+    key = KEYS.get(found.method, "planner.n_samples")
+    return rf"`{re.escape(key)}={value}` \(cost {found.good['cost'].mean():.1f} \[[^]]+\], [\d.]+ ms a step\)"
+
+
+def test_the_quickest_that_is_good_enough_is_named_beside_the_best():
+    cells = belief()
+    sentence = advice(cells)
+    assert re.search(rf"good enough is {told(cells[1], 500)}, 1\.00 \[1\.00, 1\.00\] above", sentence)
+    assert re.search(rf"the best, {told(cells[2], 5000)}$", sentence)
+    assert advice(cells[1:] + cells[:1]) == sentence
+
+
+@pytest.mark.parametrize(("share", "enough"), [(ENOUGH - 1e-3, True), (ENOUGH + 1e-3, False)])
+def test_good_enough_is_a_part_of_the_least_cost(share, enough):
+    cells = [found("ce", 50, 50.0 * (1 + share), 0.2), found("ce", 500, 50.0, 0.4)]
+    assert ("quickest that is good enough is `planner.n_samples=50`" in advice(cells)) is enough
+    assert (
+        "no setting quicker than the best is shown to be good enough: `planner.n_samples=500`" in advice(cells)
+    ) is not enough
+
+
+def test_what_may_cost_more_is_not_good_enough_though_its_mean_is():
+    sure = [found("ce", 50, 51.0, 0.2), found("ce", 500, 50.0, 0.4)]
+    noise = np.random.default_rng(0).permutation(spread_out(N, 51.0, SD))
+    unsure = held(sure[0].cell, [row(t, cost=float(value)) for t, value in enumerate(noise)])
+    assert "good enough is `planner.n_samples=50`" in advice(sure)
+    assert "no setting quicker" in advice([unsure._replace(seconds=sure[0].seconds), sure[1]])
+
+
+def test_time_decides_and_not_the_number():
+    cells = [found("ilqg", 1, 50.5, 0.9), found("ilqg", 2, 50.2, 0.3), found("ilqg", 50, 50.0, 0.5)]
+    assert "good enough is `controller.max_iterations=2`" in advice(cells)
+    untimed = [one._replace(seconds=[]) for one in cells]
+    assert re.search(
+        r"the best is `controller\.max_iterations=50` .*, and not all settings were timed$", advice(untimed)
+    )
+    half = advice([*untimed[:1], *cells[1:]])
+    assert "quickest" not in half
+    assert "not all settings were timed" in half
+
+
+def test_a_setting_that_fails_more_often_is_not_recommended_for_its_survivors():
+    good = [found("ce", 50, 52.0, 0.2), found("ce", 500, 50.0, 0.4)]
+    lucky = held(cell("ce", 5), [row(0, cost=1.0), *(lost(t) for t in range(1, N))])._replace(seconds=[1e-4] * 9)
+    assert advice([lucky, *good]) == advice(good)
+
+
+def test_the_best_may_be_the_quickest():
+    cells = [found("ce", 50, 50.0, 0.2), found("ce", 500, 50.1, 0.4)]
+    assert advice(cells).startswith(
+        "CE-MPPI: no setting quicker than the best is shown to be good enough: `planner.n_samples=50`"
+    )
+
+
+def test_cells_without_trials_are_in_no_comparison(tmp_path):
+    empty, bad = held(cell("belief", 5), []), held(cell("belief", 7), [lost(0), lost(1)])
+    cells = [empty, *belief(), bad]
+    assert advice(cells) == advice([one._replace(seconds=[]) if one in (empty, bad) else one for one in cells])
+    assert "good enough is `planner.n_samples=500`" in advice(cells)
+    assert lines([cells])[ABOVE].tolist() == ["-", "5.00 [5.00, 5.00]", "1.00 [1.00, 1.00]", "-", "-"]
+    assert lines([[empty, bad]])["trials"].tolist() == ["0", "2 (2 failed)"]
+    assert sections({STUDY: [empty, bad]}, tmp_path) == []
+
+
+def test_collisions_are_compared_trial_by_trial_from_the_quickest_setting_to_the_slowest():
+    slow, quick, between = (found("ce", n, 50.0, ms, hits) for n, ms, hits in ((1, 3.0, 2), (2, 0.5, 12), (3, 1.0, 6)))
+    sentence = collisions([slow, quick, between])
+    change, _ = paired_rate_difference(np.arange(N) < 2, np.arange(N) < 12)
+    assert re.fullmatch(r"Collisions: 10\.0 to 60\.0 %; from .* by (.*) points", sentence)[1] == interval(
+        change.times(100), 1
+    )
+    assert change.value == -0.5
+    assert collisions([quick, held(cell("ce", 5), [lost(0)])]) == "Collisions: 60.0 [36.1, 80.9] %"
+
+
+def everything() -> list[Found]:
+    ilqg = [found("ilqg", 1, 47.0, 0.4, hits=7), found("ilqg", 50, 45.0, 0.6, hits=6)]
+    pipf = [found("pipf", 20, 55.0, 1.0, hits=4), found("pipf", 200, 51.0, 6.0, hits=4)]
+    ce = [found("ce", 50, 52.0, 0.1, hits=7), found("ce", 5000, 45.5, 3.0, hits=6)]
+    return [*belief(), *ce, *ilqg, *pipf]
+
+
+def test_the_section_has_a_sentence_a_method_a_table_and_a_figure(tmp_path):
+    (section,) = sections({STUDY: everything()}, tmp_path)
+    lead, *said = section.text
+    assert "lasts 100 ms" in lead
+    assert f"{6.0 * 1.085:.1f} ms" in lead
+    names = ["MPPI-Belief", "CE-MPPI", "PIPF", "EKF-iLQG"]
+    assert [text.partition(":")[0] for text in said] == names
+    assert list(dict.fromkeys(section.tables[0].frame["method"])) == names
+    assert {path.name for path in tmp_path.iterdir()} == {f"{STUDY}.{kind}" for kind in ("md", "csv", "png", "pdf")}
+    header, *rows = (tmp_path / f"{STUDY}.csv").read_text().splitlines()
+    assert {"planner.n_samples", "time", "cost_low", "collided_high"} <= set(header.split(","))
+    assert [line.split(",")[0] for line in rows] == ["belief"] * 3 + ["ce"] * 2 + ["pipf"] * 2 + ["ilqg"] * 2
+
+
+def test_without_times_nothing_is_said_of_them(tmp_path):
+    (section,) = sections({STUDY: [one._replace(seconds=[]) for one in everything()]}, tmp_path)
+    assert not any(re.search(r"\bms\b", text) for text in section.text)
+    assert (tmp_path / f"{STUDY}.png").stat().st_size > 5000
+
+
+def points(axes: Any) -> list[np.ndarray]:
+    """The points (n, 2) of every line."""
+    return [np.asarray(bars.lines[0].get_xydata()) for bars in axes.containers]
+
+
+def named(axes: Any) -> list[str]:
+    return [text.get_text() for text in axes.texts if isinstance(text, Annotation)]
+
+
+def test_the_figure_shows_cost_and_collisions_against_time_and_samples():
+    figure = figures.quality_figure(everything()[::-1])
+    (time, paths), (rates, _) = np.reshape(figure.axes, (2, 2))
+    legend = [text.get_text() for text in figure.legends[0].get_texts()]
+    ours = "MPPI-Belief: n_samples"
+    assert legend == [ours, "CE-MPPI: n_samples", "PIPF: n_samples", "EKF-iLQG: max_iterations"]
+    np.testing.assert_allclose(points(time)[0], [(4.0, 50.0), (0.5, 51.0), (0.2, 55.0)])
+    np.testing.assert_allclose(points(rates)[2], [(6.0, 20.0), (1.0, 20.0)])
+    np.testing.assert_allclose(points(paths)[2][:, 0], [10000, 1000], rtol=0.1)
+    np.testing.assert_allclose(points(paths)[2][:, 1], [51.0, 55.0])
+    assert points(paths)[3].size == 0
+    assert named(time) == named(rates) == ["5000", "500", "50", "5000", "50", "200", "20", "50", "1"]
+    assert named(paths) == []
+    assert [axes.get_xscale() for axes in figure.axes] == ["log"] * 4
+
+
+def test_no_label_leaves_the_figure_or_runs_into_another():
+    figure = figures.quality_figure(everything())
+    FigureCanvasAgg(figure).draw()
+    ticks = [
+        tick.label1
+        for axes in figure.axes
+        for axis in (axes.xaxis, axes.yaxis)
+        for tick in axis.get_major_ticks()
+        if min(axis.get_view_interval()) <= tick.get_loc() <= max(axis.get_view_interval())
+    ]
+    words = [part for axes in figure.axes for part in (axes.xaxis.label, axes.yaxis.label)]
+    shown: Sequence[Any] = [*ticks, *words, *figure.legends[0].get_texts()]
+    boxes = [text.get_window_extent() for text in shown if text.get_text() and text.get_visible()]
+    assert len(boxes) > 12
+    assert not any(one.overlaps(two) for one, two in itertools.combinations(boxes, 2))
+    for box in [*boxes, *(text.get_window_extent() for axes in figure.axes for text in axes.texts)]:
+        assert 0 <= box.x0 < box.x1 <= figure.bbox.x1
+        assert 0 <= box.y0 < box.y1 <= figure.bbox.y1
+
+
+def test_cells_without_trials_or_times_are_left_out_of_the_figure():
+    one, two, best = belief()
+    figure = figures.quality_figure([one, two._replace(seconds=[]), best, held(cell("ce", 5), [lost(0)])])
+    assert [len(axes.containers) for axes in figure.axes] == [1] * 4
+    assert points(figure.axes[0])[0][:, 0].tolist() == pytest.approx([0.2, 4.0])
+    assert named(figure.axes[0]) == ["50", "5000"]
+    assert points(figure.axes[1])[0].shape == (3, 2)
+    assert figures.quality_figure([held(cell("ce", 5), [lost(0)])]) is None
+    assert figures.quality_figure([]) is None
+
+
+def test_one_setting_has_no_name():
+    figure = figures.quality_figure([found("ce", 500, 50.0, 0.4)])
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["CE-MPPI"]
+    assert set(named(figure.axes[0])) <= {""}
+    assert advice([found("ce", 500, 50.0, 0.4)]) == "CE-MPPI: cost 50.0 [47.2, 52.8], 0.40 ms a step"
+
+
+def test_the_paths_of_a_step_are_counted():
+    assert [found(method, 20, 50.0).samples for method in ("belief", "pipf", "ilqg")] == [20, 1000, None]

@@ -1,0 +1,263 @@
+"""What the paper prints against what was found: each number once, z by hand, claims with their exceptions."""
+
+import math
+from collections.abc import Sequence
+
+import pytest
+
+from mppi_belief.report.cell_results import Found
+from mppi_belief.report.sections.reproduction import (
+    FITTED,
+    HELD_OUT,
+    Compared,
+    as_frame,
+    claims,
+    compare,
+    verdict,
+)
+from mppi_belief.report.sections.studies import reproduction
+from report_helpers import held, lost, setting, trials
+
+TABLE_1 = {  # cost, spread, collisions in %, as printed
+    "ilqg": ("EKF-iLQG", 46.1, 6.2, 24.5),
+    "ce": ("CE-MPPI", 50.5, 6.2, 23.0),
+    "pipf": ("PIPF", 47.6, 5.5, 18.0),
+    "belief": ("MPPI-Belief", 56.5, 5.2, 0.0),
+}
+THETA = {0.0: (23.0, 0.11, 51.3), 0.5: (2.5, 0.80, None), 1.0: (0.0, 0.82, 56.6)}  # %, m, cost
+WEIGHTS = (100.0, 250.0, 500.0, 1000.0, 2500.0, 5000.0, 10000.0)
+
+
+def likelihood_ratio(hits: int, n: int, other: float, m: int) -> float:
+    """The signed root, 0 log 0 = 0."""
+
+    def log_likelihood(k: float, of: int, p: float) -> float:
+        return (k * math.log(p) if k else 0.0) + ((of - k) * math.log(1 - p) if of > k else 0.0)
+
+    pooled = (hits + other) / (n + m)
+    two = log_likelihood(hits, n, hits / n) + log_likelihood(other, m, other / m)
+    one = log_likelihood(hits, n, pooled) + log_likelihood(other, m, pooled)
+    return math.copysign(math.sqrt(max(0.0, 2 * (two - one))), hits / n - other / m)
+
+
+def table_1(n: int = 200, **hits: int) -> list[Found]:
+    """The four methods with the paper's own costs and, if nothing else is said, its collisions."""
+    return [
+        held(setting(method), trials(n, hits.get(method, round(n * rate / 100)), (cost, sd)))
+        for method, (_, cost, sd, rate) in TABLE_1.items()
+    ]
+
+
+def sweep(method: str, rates: dict[float, float], n: int = 200) -> list[Found]:
+    """A method over weights, with collision rates in %."""
+    return [held(setting(method, w_obs=w_obs), trials(n, round(n * rate / 100))) for w_obs, rate in rates.items()]
+
+
+def weights() -> list[Found]:
+    """As the paper says."""
+    baselines = [found for method in ("ilqg", "ce", "pipf") for found in sweep(method, dict.fromkeys(WEIGHTS, 20.0))]
+    return baselines + sweep(
+        "belief", {100.0: 9.0, 250.0: 4.0, 500.0: 0.5, 1000.0: 0.5} | dict.fromkeys(WEIGHTS[4:], 0.0)
+    )
+
+
+def thetas() -> list[Found]:
+    found = {
+        0.0: (46, 0.11, 51.3),
+        0.5: (5, 0.80, 54.0),
+        1.0: (0, 0.82, 56.6),
+        2.0: (2, 0.9, 60.0),
+        5.0: (1, 0.9, 70.0),
+    }
+    return [
+        held(setting(theta=theta), trials(200, hits, (cost, 5.0), (clearance, 0.1)))
+        for theta, (hits, clearance, cost) in found.items()
+    ]
+
+
+def by_name(lines: Sequence[Compared]) -> dict[str, Compared]:
+    return {line.what: line for line in lines}
+
+
+def test_every_published_number_is_there_once_and_fitted_numbers_are_those_of_table_1():
+    lines = compare(table_1(), thetas(), weights())
+    assert len({line.what for line in lines}) == len(lines)
+    fitted = {(line.what, line.paper) for line in lines if line.kind == FITTED}
+    expected = set()
+    for name, cost, sd, rate in TABLE_1.values():
+        expected |= {(f"{name}, cost", f"{cost}"), (f"{name}, spread of the cost", f"{sd}")}
+        expected |= {(f"{name}, collisions %", f"{rate:.1f}")}
+    expected |= {("theta 1, cost", "56.6"), ("theta 1, collisions %", "0.0")}  # Table I's cell again
+    assert fitted == expected
+    predicted = {(line.what, line.paper) for line in lines if line.kind == HELD_OUT}
+    expected = {(f"theta {theta}, collisions %", "0.5 to 1.5") for theta in (2, 5)}
+    for theta, (rate, clearance, cost) in THETA.items():
+        expected.add((f"theta {theta:g}, clearance m", f"{clearance:.2f}"))
+        expected |= {(f"theta {theta:g}, collisions %", f"{rate:.1f}")} if theta != 1 else set()
+        expected |= {(f"theta {theta:g}, cost", f"{cost}")} if cost and theta != 1 else set()
+    for w_obs in WEIGHTS:
+        expected |= {
+            (f"w_obs {w_obs:g}, {TABLE_1[name][0]}, collisions %", "11 to 33") for name in ("ilqg", "ce", "pipf")
+        }
+    for w_obs in WEIGHTS[2:]:
+        paper = "0 to 1" if w_obs < 2500 else "0.0"
+        expected.add((f"w_obs {w_obs:g}, MPPI-Belief, collisions %", paper))
+    assert predicted == expected
+    assert len(lines) == len(fitted) + len(predicted)
+
+
+def test_the_papers_own_numbers_agree_with_themselves():
+    for line in compare(table_1(), thetas(), weights()):
+        assert abs(line.z) < 1e-6, line
+        assert line.paper == line.ours or " to " in line.paper
+    lines = compare(table_1(), thetas(), weights())
+    assert verdict(lines, FITTED).startswith("14 of the 14 fitted numbers agree within 2 standard errors; ")
+    ranges = sum(" to " in line.paper for line in lines)
+    points = len(lines) - 14 - ranges
+    said = f"{points} of the {points} held-out numbers agree within 2 standard errors, and {ranges} of {ranges} ranges"
+    assert verdict(lines, HELD_OUT).startswith(said)
+
+
+def test_z_of_table_1_by_hand():
+    """Two other samples of 50: mean 58 and spread 4 against 56.5 and 5.2, 3 collisions against none."""
+    (found,) = (held(setting(), [*trials(50, 3, (58.0, 4.0)), lost(50), lost(51)]),)
+    cost, spread, rate = compare([found], [], [])
+    assert cost.z == pytest.approx(1.5 / math.sqrt(16 / 50 + 5.2**2 / 200), rel=1e-9)
+    assert spread.z == pytest.approx(-1.2 / math.sqrt(16 / 98 + 5.2**2 / 398), rel=1e-9)
+    assert rate.z == pytest.approx(likelihood_ratio(3, 50, 0, 200), rel=1e-9)
+    assert [line.ours for line in (cost, spread, rate)] == ["58.0", "4.0", "6.0"]
+
+
+def test_z_of_the_theta_sweep_by_hand():
+    """Where the paper prints no spread, both sides have ours."""
+    found = held(setting(theta=0.0), trials(100, 30, (50.0, 6.0), (0.2, 0.3)))
+    lines = by_name(compare([], [found], []))
+    both = math.sqrt(1 / 100 + 1 / 200)
+    assert lines["theta 0, clearance m"].z == pytest.approx(0.09 / (0.3 * both), rel=1e-9)
+    assert lines["theta 0, cost"].z == pytest.approx(-1.3 / (6 * both), rel=1e-9)
+    assert lines["theta 0, collisions %"].z == pytest.approx(likelihood_ratio(30, 100, 46, 200), rel=1e-9)
+    assert len(lines) == 3
+
+
+@pytest.mark.parametrize(
+    ("method", "w_obs", "hits", "end"),
+    [
+        ("ce", 100.0, 22, None),  # 11 %, the lower end
+        ("ce", 100.0, 66, None),
+        ("ce", 100.0, 40, None),
+        ("ce", 100.0, 10, 0.11),
+        ("pipf", 1e4, 90, 0.33),
+        ("belief", 500.0, 2, None),
+        ("belief", 500.0, 8, 0.01),
+        ("belief", 2500.0, 0, None),
+        ("belief", 2500.0, 2, 0.0),
+    ],
+)
+def test_within_a_range_z_is_zero_and_outside_it_counts_from_the_nearest_end(method, w_obs, hits, end):
+    (line,) = compare([], [], sweep(method, {w_obs: hits / 2}))
+    expected = 0.0 if end is None else likelihood_ratio(hits, 200, 200 * end, 200)
+    assert line.z == pytest.approx(expected, rel=1e-6, abs=1e-6)
+    assert (line.z == pytest.approx(0, abs=1e-6)) == (end is None)
+
+
+def test_where_the_paper_says_nothing_nothing_is_compared():
+    assert compare([], [], sweep("belief", {100.0: 1.0, 250.0: 1.0})) == []
+    assert compare([], [held(setting(theta=0.25), trials(9))], []) == []
+    assert compare([held(setting("oracle"), trials(9))], [], sweep("oracle", {500.0: 0.0})) == []
+
+
+def test_cells_without_at_least_two_good_trials_are_left_out():
+    few = [[], trials(1), [*trials(1), lost(1), lost(2)]]
+    for rows in few:
+        assert compare([held(setting(), rows, 5)], [held(setting(), rows, 5)], [held(setting(), rows, 5)]) == []
+    assert len(compare([held(setting(), trials(2))], [], [])) == 3
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("clearance", [0.3, math.inf], ids=["equal trials", "no obstacles"])
+def test_trials_without_a_spread_do_not_stop_a_report(clearance):
+    rows = trials(5, 0, (50.0, 0.0), (clearance, 0.0))
+    lines = [*compare([held(setting(), rows)], [], []), *compare([], [held(setting(theta=0.0), rows)], [])]
+    assert [line.what for line in lines if "clearance" in line.what] == ["theta 0, clearance m"]
+    for kind in (FITTED, HELD_OUT):
+        assert len(as_frame(lines, kind)) == 3
+        assert "numbers agree" in verdict(lines, kind)
+
+
+def test_the_frame_has_the_lines_of_one_kind():
+    lines = [
+        Compared(FITTED, "a", "1.0", "2.0", 1.26),
+        Compared(HELD_OUT, "b", "3", "4", -0.5),
+        Compared(FITTED, "c", "5", "6", math.nan),
+    ]
+    frame = as_frame(lines, FITTED)
+    assert frame.to_numpy().tolist() == [["a", "1.0", "2.0", "+1.3"], ["c", "5", "6", "-"]]
+    assert as_frame(lines, HELD_OUT).to_numpy().tolist() == [["b", "3", "4", "-0.5"]]
+    assert as_frame([], FITTED).empty
+
+
+def test_the_verdict_counts_and_names_the_farthest():
+    z = [0.1, -1.9, 2.0, -2.1, 7.0, -9.5, math.nan]
+    lines = [Compared(FITTED, f"number {k}", f"{k}.5", f"{k}.7", value) for k, value in enumerate(z)]
+    lines.append(Compared(HELD_OUT, "another", "1", "2", 99.0))
+    said = verdict(lines, FITTED)
+    assert said.startswith("3 of the 6 fitted numbers agree within 2 standard errors")
+    assert "the farthest is number 5: 5.7 here, 5.5 in the paper (z = -9.5)" in said
+    assert verdict(lines[:6], HELD_OUT) == "None of the held-out numbers has results yet."
+    assert verdict(lines[6:7], FITTED) == "None of the fitted numbers has results yet."
+
+
+def test_ranges_are_counted_apart():
+    lines = [Compared(HELD_OUT, "a", "1", "9", 5.0), Compared(HELD_OUT, "b", "1", "1", 0.0)]
+    lines += [Compared(HELD_OUT, f"c{z}", "1 to 2", "2", z, is_range=True) for z in (0.0, 0.0, 3.0)]
+    said = "1 of the 2 held-out numbers agree within 2 standard errors, and 2 of 3 ranges are met as well; "
+    assert verdict(lines, HELD_OUT).startswith(said)
+
+
+def claim(found: Sequence[str], start: str) -> str:
+    (line,) = [line for line in found if line.startswith(start)]
+    return line
+
+
+ABOVE, FREE, BELOW = "Every baseline collides", "No baseline is free", "MPPI-Belief collides in less"
+
+
+def test_claims_that_hold_say_so():
+    found = claims(table_1(), weights())
+    assert len(found) == 4
+    assert found[0] == "MPPI-Belief at theta = 1 has 0 collisions in 200 trials, as published."
+    for start in (ABOVE, FREE, BELOW):
+        assert claim(found, start).endswith(": holds.")
+
+
+def test_claims_name_exactly_the_cells_where_they_fail():
+    first = table_1(belief=1, pipf=20)  # 10.0 % is not more than 10 %
+    cells = [
+        *sweep("ce", {100.0: 10.5, 500.0: 23.0, 10000.0: 0.0}),
+        *sweep("pipf", {500.0: 10.0, 1000.0: 30.0}),  # the first is Table I's own cell
+        *sweep("belief", {100.0: 50.0, 250.0: 1.0, 500.0: 1.0, 1000.0: 0.5, 2500.0: 2.5}),
+    ]
+    found = claims(first, cells)
+    assert found[0] == "MPPI-Belief at theta = 1 has 1 collisions in 200 trials; the paper has none."
+    assert claim(found, ABOVE).endswith(": fails for PIPF at w_obs = 500 (10.0 %), CE-MPPI at w_obs = 10000 (0.0 %).")
+    assert claim(found, FREE).endswith(": fails for CE-MPPI at w_obs = 10000 (0.0 %).")
+    assert claim(found, BELOW).endswith(
+        ": fails for MPPI-Belief at w_obs = 500 (1.0 %), MPPI-Belief at w_obs = 2500 (2.5 %)."
+    )
+
+
+def test_claims_are_made_of_what_there_is():
+    assert claims([], []) == []
+    only = claims([held(setting(), [lost(0)]), held(setting("ce"), [])], sweep("belief", {100.0: 50.0, 250.0: 20.0}))
+    assert only == []
+    (line,) = claims([held(setting(), [*trials(4, 1), lost(4)])], [])
+    assert "1 collisions in 4 trials" in line
+    assert len(claims([held(setting("ce"), trials(10, 3))], [])) == 2
+
+
+def test_other_methods_are_no_baselines_of_the_paper():
+    assert claims([held(setting("oracle"), trials(10, 0))], sweep("lqg", {500.0: 0.0})) == []
+
+
+def test_agreement_is_within_two_standard_errors():
+    assert reproduction.AGREES == 2

@@ -1,0 +1,290 @@
+"""A study: what is done stays done, what fails is written down, and nothing starts before everything is checked."""
+
+import errno
+import json
+import multiprocessing
+import os
+import signal
+from collections.abc import Callable, Iterator
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from mppi_belief.config.settings import ConfigError
+from mppi_belief.results import files
+from mppi_belief.results import table as results
+from mppi_belief.run import writer as ledger
+from mppi_belief.run.local import Lanes
+from mppi_belief.run.plan import Cell
+from mppi_belief.run.pool import Pool
+from mppi_belief.run.runner import run_study
+from mppi_belief.run.signals import StoppedAtOnce, polite_stop
+from mppi_belief.run.task import Order, Outcome, Task
+from mppi_belief.run.worker import Setup
+from mppi_belief.run.writer import Ledger
+from study_helpers import TESTS, answer, config, device, failed_row, limited, record, run_trials, time_steps
+
+
+@pytest.fixture(autouse=True)
+def in_time() -> Iterator[None]:
+    with limited():
+        yield
+
+
+class Study:
+    """Runs fake cells under one folder and remembers which were checked."""
+
+    def __init__(self, root: Path, check: Callable[..., None] = lambda config: None) -> None:
+        self.root, self.checked, self._check = root, [], check
+        self.device, self.variables = device, None
+
+    def check(self, config: dict[str, Any]) -> None:
+        self.checked.append(config["seed"])
+        self._check(config)
+
+    def run(self, *cells: Cell, n_trials: int = 12, workers: int = 1, **order: Any) -> Outcome:
+        task = Task(self.check, run_trials, time_steps, failed_row, record, self.device)
+        setup = Setup([TESTS], self.variables or {})
+        return run_study(
+            cells, Order(n_trials, **order), self.root, task, Lanes(workers, setup), ["mppi-belief", "run"]
+        )
+
+    def rows(self, cell: Cell) -> Any:
+        return results.read_rows(self.root / cell.id)
+
+
+@pytest.fixture
+def study(tmp_path) -> Study:
+    return Study(tmp_path / "results")
+
+
+def test_a_study_runs_once_and_a_larger_one_only_adds(study, tmp_path):
+    notes = tmp_path / "notes"
+    first, second = (Cell(config(seed=seed, notes=str(notes))) for seed in (1, 2))
+    outcome = study.run(first, second)
+    assert outcome == Outcome({first.id: 12, second.id: 12}, {first.id: 0, second.id: 0}, None)
+    before = {path: path.stat().st_mtime_ns for path in study.root.rglob("*.parquet")}
+
+    assert study.run(first, second) == Outcome({first.id: 0, second.id: 0}, {first.id: 12, second.id: 12}, None)
+    assert study.run(first, n_trials=5) == Outcome({first.id: 0}, {first.id: 5}, None)
+    assert study.run(second, n_trials=15) == Outcome({second.id: 3}, {second.id: 12}, None)
+    assert study.checked == [1, 2, 2]
+    assert {path: path.stat().st_mtime_ns for path in before} == before
+    (new,) = set(study.root.rglob("part-*")) - set(before)
+    assert results.read_table(new)[0]["sources"][0]["config"] == second.config
+    assert study.rows(first)["trial"].tolist() == list(range(12))
+    assert study.rows(second)["trial"].tolist() == list(range(15))
+    assert notes.read_text() == "timed\n" * 2
+    assert files.read_json(study.root / first.id, "timing") == {"seconds": [1e-3, 2e-3, 3e-3]}
+    assert files.read_json(study.root / first.id, "scene") == {"dt": 0.1}
+
+
+def test_two_workers_write_what_one_does(tmp_path):
+    cell, one, two = Cell(config()), Study(tmp_path / "one"), Study(tmp_path / "two")
+    one.run(cell, n_trials=25)
+    two.run(cell, n_trials=25, workers=2)
+    assert results.result_hash(one.rows(cell)) == results.result_hash(two.rows(cell))
+
+
+@pytest.mark.parametrize(
+    ("fate", "status", "error", "trials"),
+    [
+        ("raises", "error", "ValueError: trial 4 is cursed", {4}),
+        ("exits", "crashed", "the worker process died 2 times in this trial", {4}),
+    ],
+)
+def test_trials_without_result_are_written_down_and_counted_as_done(fate, status, error, trials, study):
+    cell = Cell(config(**{fate: 4}))
+    assert study.run(cell).ran == {cell.id: 12}
+    rows = study.rows(cell)
+    bad = rows[rows["status"] != "ok"]
+    assert set(bad["trial"]) == trials
+    assert set(bad["status"]) == {status}
+    assert set(bad["error"]) == {error}
+    assert rows["trial"].tolist() == list(range(12))
+    assert study.run(cell) == Outcome({cell.id: 0}, {cell.id: 12}, None)
+
+
+def test_all_cells_with_missing_trials_are_checked_before_any_runs(tmp_path):
+    def refuse(config: dict[str, Any]) -> None:
+        if config["seed"] == 3:
+            raise ValueError("seed 3 will not do")
+
+    study, cells = Study(tmp_path / "results", refuse), [Cell(config(seed=seed)) for seed in (1, 2, 3)]
+    study.run(cells[0])
+    with pytest.raises(ValueError, match="seed 3"):
+        study.run(*cells)
+    assert study.checked == [1, 2, 3]
+    assert [path.name for path in study.root.iterdir()] == [cells[0].id]
+
+
+def test_a_study_that_fails_its_check_leaves_no_folder(tmp_path):
+    def refuse(config: dict[str, Any]) -> None:
+        raise ValueError("no")
+
+    with pytest.raises(ValueError, match="no"):
+        Study(tmp_path / "a" / "results", refuse).run(Cell(config()))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_place_that_cannot_be_written_stops_a_study_before_it_runs(tmp_path):
+    (tmp_path / "file").touch()
+    study = Study(tmp_path / "file")
+    with pytest.raises(OSError, match=r"exists|Not a directory"):
+        study.run(Cell(config()))
+
+
+def test_results_say_what_computed_them_here_or_in_the_workers_environment(study):
+    here, there = Cell(config(seed=1)), Cell(config(seed=2))
+    study.run(here)
+    study.variables = {"DEVICE": "another"}
+    study.run(there)
+    told = [
+        results.read_table(next((study.root / cell.id).glob("part-*")))[0]["sources"][0]["device"].split()
+        for cell in (here, there)
+    ]
+    assert told[0] == ["none", str(os.getpid())]
+    assert told[1][0] == "another"
+    assert told[1][1] != str(os.getpid())
+
+
+@pytest.mark.parametrize(
+    ("fate", "error", "words"),
+    [("raises", ValueError, "trial -1 is cursed"), ("exits", ConfigError, "platform=cpu: the worker process died")],
+)
+def test_without_its_device_nothing_is_run_or_written_and_no_worker_stays(fate, error, words, study):
+    study.variables = {"DEVICE": "another"}
+    with pytest.raises(error, match=words):
+        study.run(Cell(config(**{fate: -1})))
+    assert not study.root.exists()
+    assert multiprocessing.active_children() == []
+
+
+def test_where_all_is_done_no_device_is_asked_for(study):
+    cell = Cell(config())
+    study.run(cell)
+    study.device = partial(answer, trials=[-1], config=config(raises=-1))
+    assert study.run(cell) == Outcome({cell.id: 0}, {cell.id: 12}, None)
+
+
+def test_a_disk_that_fills_up_ends_a_study_and_its_workers_and_keeps_what_was_written(study, monkeypatch):
+    cell, write, calls = Cell(config()), results.write_rows, []
+
+    def write_rows(*args: Any) -> None:
+        calls.append(args)
+        if len(calls) > 1:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        write(*args)
+
+    monkeypatch.setattr(results, "write_rows", write_rows)
+    monkeypatch.setattr(ledger, "LONGEST", 0.0)
+    with pytest.raises(OSError, match="No space left"):
+        study.run(cell, n_trials=50)
+    assert multiprocessing.active_children() == []
+    monkeypatch.undo()
+    assert len(study.rows(cell)) == 10
+    assert study.run(cell, n_trials=50) == Outcome({cell.id: 40}, {cell.id: 10}, None)
+
+
+def test_a_torn_file_costs_its_trials_only(study, capsys):
+    cell = Cell(config())
+    study.run(cell)
+    study.run(cell, n_trials=22)
+    first, _ = sorted((study.root / cell.id).glob("part-*"))
+    first.write_bytes(first.read_bytes()[:100])
+    assert study.run(cell, n_trials=22) == Outcome({cell.id: 12}, {cell.id: 10}, None)
+    assert first.name in capsys.readouterr().err
+    assert study.rows(cell)["trial"].tolist() == list(range(22))
+
+
+def test_a_broken_timing_file_is_made_again(study):
+    cell = Cell(config())
+    study.run(cell)
+    (study.root / cell.id / "timing.json").write_text("{")
+    study.run(cell)
+    assert json.loads((study.root / cell.id / "timing.json").read_text())["seconds"]
+
+
+def test_a_recording_is_made_once_and_only_where_a_cell_asks_for_one(study):
+    asking, silent = Cell(config() | {"record": 3}), Cell(config(seed=1))
+    study.run(asking, silent)
+    path = study.root / asking.id / "recording-3.json"
+    assert files.read_json(path.parent, path.stem) == {"trial": 3, "samples": None, "matching": {}}
+    path.write_text('{"trial": "mine"}')
+    study.run(asking, silent, n_trials=15)
+    assert path.read_text() == '{"trial": "mine"}'
+    study.run(Cell(config() | {"record": 0}))  # the same cell: what is recorded does not change its trials
+    assert sorted(path.name for path in study.root.rglob("recording-*")) == ["recording-0.json", "recording-3.json"]
+    assert not list((study.root / silent.id).glob("recording-*"))
+
+
+def test_a_worker_that_dies_over_a_recording_leaves_none_and_the_rest_as_it_is(study):
+    dying, living = (Cell(config(seed=seed, exits=99) | {"record": 99}) for seed in (0, 1))
+    fatal = Task(study.check, run_trials, time_steps, failed_row, partial(answer, trials=[99]), device)
+    lanes = Lanes(1, Setup([TESTS], {}))
+    outcome = run_study([dying], Order(12), study.root, fatal, lanes, ["mppi-belief", "run"])
+    assert outcome == Outcome({dying.id: 12}, {dying.id: 0}, None)
+    assert multiprocessing.active_children() == []
+    assert study.rows(dying)["status"].tolist() == ["ok"] * 12
+    assert files.read_json(study.root / dying.id, "timing") is not None
+    assert sorted(path.name for path in (study.root / dying.id).iterdir() if "recording" in path.name) == []
+    assert study.run(dying, living).ran == {dying.id: 0, living.id: 12}
+    assert files.read_json(study.root / dying.id, "recording-99")["trial"] == 99
+
+
+def test_the_first_signal_asks_the_second_ends_and_handlers_are_put_back():
+    before = [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)]
+    asked = []
+    with polite_stop(lambda: asked.append(True)) as stop:
+        assert stop.number is None
+        signal.raise_signal(signal.SIGTERM)
+        assert (stop.number, asked) == (signal.SIGTERM, [True])
+        with pytest.raises(StoppedAtOnce):
+            signal.raise_signal(signal.SIGINT)
+        assert (stop.number, asked) == (signal.SIGTERM, [True])
+    assert [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)] == before
+
+
+def interrupt_at_the_first_result(monkeypatch: pytest.MonkeyPatch, times: int) -> None:
+    """So many Ctrl-C arrive with the first result."""
+    before = Ledger.keep
+
+    def keep(self: Ledger, done: Any) -> None:
+        monkeypatch.setattr(Ledger, "keep", before)
+        for _ in range(times):
+            signal.raise_signal(signal.SIGINT)
+        before(self, done)
+
+    monkeypatch.setattr(Ledger, "keep", keep)
+
+
+def test_one_signal_keeps_what_runs_and_the_rest_waits_for_the_next_run(study, monkeypatch):
+    cell = Cell(config())
+    interrupt_at_the_first_result(monkeypatch, times=1)
+    outcome = study.run(cell, n_trials=50)
+    kept = study.rows(cell)["trial"].tolist()
+    assert outcome == Outcome({cell.id: len(kept)}, {cell.id: 0}, signal.SIGINT)
+    assert kept[:10] == list(range(10))
+    assert len(kept) < 50
+    assert files.read_json(study.root / cell.id, "timing") is None
+    assert study.run(cell, n_trials=50) == Outcome({cell.id: 50 - len(kept)}, {cell.id: len(kept)}, None)
+
+
+@pytest.mark.parametrize("times", [2, 3])
+def test_more_signals_end_it_at_once_without_an_exception(times, study, monkeypatch):
+    cell, close = Cell(config()), Pool.close
+
+    def interrupted_close(pool: Pool, *, kill: bool = False) -> None:
+        for _ in range(times - 2):
+            signal.raise_signal(signal.SIGINT)
+        close(pool, kill=kill)
+
+    interrupt_at_the_first_result(monkeypatch, times=2)
+    monkeypatch.setattr(Pool, "close", interrupted_close)
+    assert study.run(cell, n_trials=50).stopped == signal.SIGINT
+    assert multiprocessing.active_children() == []
+    assert study.rows(cell).empty
+    monkeypatch.undo()
+    assert study.run(cell, n_trials=50).ran == {cell.id: 50}

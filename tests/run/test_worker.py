@@ -1,0 +1,79 @@
+"""In a worker: every batch within its time, and nothing but plain data goes back."""
+
+import os
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from mppi_belief.config.settings import ConfigError
+from mppi_belief.run.worker import Lost, Overtime, Report, Setup, enter, run_chunk, where, within
+from study_helpers import answer, config
+
+
+def sleeps_at(config: dict[str, Any], trials: tuple[int, ...]) -> list[int]:
+    if config["system"]["hangs"] in trials:
+        time.sleep(60)
+    return list(trials)
+
+
+def test_what_is_done_in_time_is_returned_or_raised():
+    for seconds in (None, 60.0, 1e9, 1e300):
+        assert within(seconds, divmod, 7, 2) == (3, 1)
+        with pytest.raises(ZeroDivisionError):
+            within(seconds, divmod, 7, 0)
+
+
+def test_a_time_limit_needs_a_thread_and_no_limit_does_not():
+    assert within(None, threading.current_thread) is threading.current_thread()
+    assert within(60.0, threading.current_thread) is not threading.current_thread()
+
+
+def test_what_takes_too_long_is_left_behind():
+    release = threading.Event()
+    with pytest.raises(Overtime, match=r"not done after 0\.05 s"):
+        within(0.05, release.wait, 60)
+    release.set()
+
+
+@pytest.mark.parametrize(
+    ("batch", "stuck", "done", "left"), [(1, (2,), [(0,), (1,)], (3, 4)), (3, (0, 1, 2), [], (3, 4))]
+)
+def test_a_trial_that_hangs_costs_its_batch_and_those_after_it_are_left_to_another(batch, stuck, done, left):
+    report = run_chunk(sleeps_at, config(batch=batch, hangs=2), range(5), 0.2)
+    assert report.done[:-1] == [(trials, list(trials)) for trials in done]
+    assert report.done[-1] == (stuck, Lost("timeout", "not done after 0.2 s"))
+    assert (report.unfinished, report.mistake) == (left, None)
+
+
+def test_an_exception_is_text_and_the_rest_is_run():
+    report = run_chunk(answer, config(raises=1), range(3), 60.0)
+    lost = Lost("error", "ValueError: trial 1 is cursed")
+    assert report == Report([((0,), [(0, 0)]), ((1,), lost), ((2,), [(0, 2)])], where(), report.seconds)
+    assert 0 < report.seconds < 60
+
+
+def test_a_mistake_ends_the_chunk_and_keeps_what_is_done():
+    report = run_chunk(answer, config(misses_its_device=1), range(3), None)
+    assert report.done == [((0,), [(0, 0)])]
+    assert report.mistake == "platform=gpu: none is there any more"
+    with pytest.raises(ConfigError):
+        answer(config(misses_its_device=1), [1])
+
+
+def test_it_takes_over_paths_and_variables(monkeypatch):
+    monkeypatch.setattr("sys.path", ["old"])
+    monkeypatch.setenv("KEPT", "1")
+    monkeypatch.setenv("CHANGED", "1")
+    enter(Setup(["new"], {"CHANGED": "2"}))
+    import sys
+
+    assert sys.path == [str(Path("new").resolve()), "old"]
+    assert (os.environ["KEPT"], os.environ["CHANGED"]) == ("1", "2")
+
+
+def test_it_says_where_it_is():
+    assert set(where()) == {"host", "platform", "processor"}
+    assert all(where().values())

@@ -1,0 +1,352 @@
+"""From a configuration to objects, and from objects to rows."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import jax
+import numpy as np
+import pytest
+
+import mppi_belief as mb
+import user_parts
+from cli_helpers import PLANNER, SMALL, compose
+from experiment_helpers import compiled_quickly
+from mppi_belief.config.settings import ConfigError
+from mppi_belief.trial import KEPT_PATHS, build, check, failed_row, run_trials, time_steps, trials
+from user_parts import SPOILABLE
+
+COLUMNS = [
+    "trial",
+    "seed",
+    "status",
+    "controller",
+    "theta",
+    "w_obs",
+    "cost",
+    "running_cost",
+    "terminal_cost",
+    "collided",
+    "clearance",
+    "final_distance",
+    "ess",
+    "nees",
+    "nis",
+    "steps",
+    "error",
+]
+
+
+@pytest.fixture(autouse=True, scope="module")
+def quick() -> Iterator[None]:
+    with compiled_quickly():
+        yield
+
+
+def users(system: dict[str, Any] | None = None, controller: dict[str, Any] | None = None) -> dict[str, Any]:
+    """A configuration of the parts in `user_parts`: two states, one control, one measurement."""
+    cost = {
+        "_target_": "mppi_belief.GoalObstacleCost",
+        "goal": [0, 0],
+        "running_weight": [1, 1],
+        "terminal_weight": [1, 1],
+        "control_weight": [1],
+        "obstacles": {"_target_": "mppi_belief.Obstacles", "centers": [], "radius": 0},
+        "w_obs": 0,
+        "bump_width": 1,
+    }
+    prior = {"prior_mean": [1.0, 1.0], "prior_std": [0.1, 0.1], "dt": 0.1, "steps": 30}
+    return {
+        "system": {"_target_": "user_parts.Drifting"} | (system or {}),
+        "cost": cost,
+        "problem": {"_target_": "mppi_belief.Problem"} | prior,
+        "filter": {"_target_": "mppi_belief.EKF"},
+        "controller": {"_target_": "user_parts.Constant"} | (controller or {}),
+        "names": {"system": "drifting", "cost": "goal", "filter": "ekf", "controller": "constant"},
+        "seed": 0,
+        "precision": "float32",
+        "platform": "cpu",
+        "batch": 1,
+        "swept": {},
+    }
+
+
+def test_build_makes_what_the_configuration_says():
+    built = build(compose("theta=2", "w_obs=100", *PLANNER))
+    assert isinstance(built.problem.system, mb.LightDark)
+    assert isinstance(built.problem.cost.obstacles, mb.Obstacles)
+    assert isinstance(built.filter, mb.EKF)
+    assert (built.controller.theta, built.controller.n_samples, built.problem.cost.w_obs) == (2.0, 16, 100.0)
+    np.testing.assert_array_equal(built.problem.prior_mean, [0.9, 1.9, 0, 0])
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        ("controller.horizon=0", r"controller\.horizon must be at least 1"),
+        ("controller.charge=never", r"controller\.charge must be one of end, start"),
+        ("planner.temperature=0", r"controller\.temperature must be greater than 0"),
+        ("system.noise_floor=0", r"system\.noise_floor must be greater than 0"),
+        ("system.light=bright", r"system\.light must be a number"),
+        ("system.obstacles.centers=[1,2]", r"system\.obstacles\.centers must have 2 dimension"),
+        ("cost.goal=[a,b]", r"cost\.goal must be an array of numbers"),
+        ("problem.prior_std=[-1,0,0,0]", r"problem\.prior_std must be at least 0"),
+        ("problem.steps=1.5", r"problem\.steps must be a whole number"),
+        ("+system.lihgt=3", r"unknown key 'system\.lihgt'; did you mean 'system\.light'"),
+        ("+system.obstacles.width=3", r"unknown key 'system\.obstacles\.width'"),
+        ("~cost.w_obs", r"cost\b.*w_obs"),
+        ("controller._target_=nowhere.Controller", r"controller\._target_=nowhere\.Controller: must name a class of"),
+        ("controller._target_=mppi_belief.Nobody", r"controller\._target_=mppi_belief\.Nobody: .*Nobody"),
+        ("controller._target_=3", r"controller\._target_=3: "),
+    ],
+)
+def test_a_bad_setting_is_named_with_its_group(change, reason):
+    with pytest.raises(ConfigError, match=f"^{reason}") as caught:
+        build(compose(change))
+    assert len(str(caught.value).splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    "target", ["user_parts.launch", "user_parts.Plain", "user_parts.PlainDataclass", "user_parts.CALLS"]
+)
+def test_what_is_not_a_struct_is_refused_and_not_called(target):
+    user_parts.CALLS.clear()
+    config = users(controller={"_target_": target})
+    with pytest.raises(ConfigError, match=rf"^controller\._target_={target}: must name a class .*struct"):
+        build(config)
+    assert user_parts.CALLS == []
+
+
+def test_parts_that_fit_pass_the_check():
+    check(users())
+    for name in ("float32", "float64"):
+        check(compose(f"precision={name}", *PLANNER))
+
+
+@pytest.mark.parametrize(
+    ("wrong", "reason"),
+    [
+        ("f", r"system\.f has shape \(2, 1\), must be \(2,\) for a state of shape \(2,\)"),
+        ("G", r"system\.G has shape \(2, 1, 1\), must be \(2, 1\)"),
+        ("H", r"system\.H has shape \(2, 2, 1\), must be \(2, \d\)"),
+        ("c", r"system\.c has shape \(1, 1\), must be \(1,\)"),
+        ("sigma_o", r"system\.sigma_o has shape \(1, 1, 1\), must be \(1, 1\)"),
+        ("position", r"system\.position has shape \(1, 1\), must be \(1,\)"),
+        ("clearance", r"system\.clearance has shape \(1,\), must be \(\)"),
+        ("c raises", r"system\.c fails for a state of shape \(2,\): c is not feeling well"),
+        ("H raises", r"system\.H fails for a state of shape \(2,\): H is not feeling well"),
+        ("f branches", r"system\.f fails for a state of shape \(2,\): it needs the values of its state"),
+        ("c numpy", r"system\.c fails for a state of shape \(2,\): it needs the values of its state"),
+        ("f integer", r"system\.f returns int32, must return floating-point"),
+        ("clearance bool", r"system\.clearance returns bool, must return floating-point"),
+        ("G complex", r"system\.G returns complex64, must return floating-point"),
+        ("c list", r"system\.c returns a list, must return one array"),
+        ("f none", r"system\.f returns a NoneType, must return one array"),
+        ("position word", r"system\.position fails for a state of shape \(2,\): .*str"),
+        ("position empty", r"system\.position is empty"),
+        *(
+            (f"{name} nan", rf"system\.{name}\b.* is not finite at the state \[1\.0, 1\.0\]: .*nan")
+            for name in SPOILABLE
+        ),
+        ("sigma_o inf", r"system\.sigma_o is not finite at the state"),
+        ("clearance -inf", r"system\.clearance is not finite at the state \[1\.0, 1\.0\]: -inf"),
+        ("sigma_o zero", r"system\.sigma_o is singular at the state \[1\.0, 1\.0\]: \[\[0\.0\]\]"),
+    ],
+)
+def test_a_function_that_returns_what_it_should_not_is_named(wrong, reason):
+    name, _, how = wrong.partition(" ")
+    with pytest.raises(ConfigError, match=f"^{reason}") as caught:
+        check(users(system={"wrong": name, "how": how or "shape"}))
+    assert len(str(caught.value).splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("wrong", "reason"),
+    [
+        ("R negative", r"cost\.R=\[\[-1\.0\]\]: must be positive definite"),
+        ("R zero", r"cost\.R=\[\[0\.0\]\]: must be positive definite"),
+        ("goal integer", r"cost\.goal returns int32"),
+        ("base shape", r"cost\.base has shape \(1,\), must be \(\)"),
+        ("base inf", r"cost\.base is not finite"),
+        ("penalty nan", r"cost\.penalty is not finite"),
+        ("terminal nan", r"cost\.terminal is not finite"),
+    ],
+)
+def test_a_cost_that_returns_what_it_should_not_is_named(wrong, reason):
+    name, _, how = wrong.partition(" ")
+    with pytest.raises(ConfigError, match=f"^{reason}"):
+        check(users() | {"cost": {"_target_": "user_parts.Price", "wrong": name, "how": how}})
+
+
+def test_what_a_system_may_do_without_is_allowed():
+    check(users(system={"wrong": "H", "how": "zero"}))  # no process noise
+    check(users(system={"wrong": "clearance", "how": "inf"}))  # no obstacles
+    check(users() | {"cost": {"_target_": "user_parts.Price"}})
+    config = users()
+    check(config | {"problem": config["problem"] | {"prior_std": [0, 0]}})
+
+
+def test_a_system_without_a_function_or_a_convention_is_refused():
+    with pytest.raises(ConfigError, match=r"^system\.c is missing: Mute must have it"):
+        check(users() | {"system": {"_target_": "user_parts.Mute"}})
+    with pytest.raises(ConfigError, match=r"^system\.noise_convention='neither': must be one of sample, intensity"):
+        check(users(system={"noise_convention": "neither"}))
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        ("theta=1e39", r"controller\.theta=1e\+39: too large for float32"),
+        ("system.light=-1e39", r"system\.light=-1e\+39: too large for float32"),
+        ("problem.dt=1e-50", r"problem\.dt=1e-50: too small for float32"),
+    ],
+)
+def test_numbers_are_those_of_the_precision(change, reason):
+    with pytest.raises(ConfigError, match=f"^{reason}"):
+        check(compose(change, *PLANNER))
+    check(compose("theta=1e39", "precision=float64", *PLANNER))
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        ("cost.goal=[1]", r"cost\.goal has shape \(1,\), must be \(4,\)"),
+        ("problem.prior_std=[1]", r"prior_std has shape \(1,\), must be \(4,\)"),
+        ("cost.control_weight=[1]", r"system\.G has shape \(4, 2\), must be \(4, 1\)"),
+        ("controller=pipf filter=ekf", r"filter or controller .*particle"),
+        ("~controller._target_", r"controller has no _target_"),
+        ("~system._target_", r"system has no _target_"),
+    ],
+)
+def test_parts_that_do_not_fit_each_other_are_refused(change, reason):
+    with pytest.raises(ConfigError, match=f"^{reason}") as caught:
+        check(compose(*change.split(), *PLANNER))
+    assert len(str(caught.value).splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        "cost.running_weight=[1.5,0.6]",
+        "cost.running_weight=[1,1,1,1,1]",
+        "cost.terminal_weight=[5.0,0.15]",
+        "cost.terminal_weight=[[5,0],[0,5]]",
+        "system.obstacles.centers=[[3.0]]",
+        "system.obstacles.centers=[[3.0,1.0,0.0]]",
+    ],
+)
+def test_numbers_of_the_wrong_length_are_refused(change):
+    """JAX clamps an index that is out of range, so a planner that needs no moments would use them without a word."""
+    with pytest.raises(ConfigError):
+        check(compose(change, "controller=ce", *PLANNER))
+
+
+@pytest.mark.parametrize(("wrong", "reason"), [("shape", ""), ("info", "ess"), ("raises", "no plan survives")])
+def test_a_controller_that_does_not_fit_is_refused(wrong, reason):
+    with pytest.raises(ConfigError, match=f"^filter or controller does not fit the problem: .*{reason}") as caught:
+        check(users(controller={"wrong": wrong}))
+    assert len(str(caught.value).splitlines()) == 1
+
+
+@pytest.fixture(scope="module")
+def small() -> dict[str, Any]:
+    return compose(*SMALL, "seed=3", "theta=2")
+
+
+def test_a_row_has_every_column_and_what_was_swept(small):
+    rows = run_trials(small, [4, 7]).rows
+    swept = {"planner.n_samples": 16, "planner.horizon": 4, "problem.steps": 3, "system": "scalar_linear"}
+    for trial, row in zip((4, 7), rows, strict=True):
+        assert set(row) == {*COLUMNS, *swept}
+        labels = {"trial": trial, "seed": 3, "status": "ok", "controller": "belief", "theta": 2.0, "w_obs": 0.0}
+        assert row.items() >= (labels | swept | {"steps": 3, "error": None, "collided": False}).items()
+        assert row["cost"] == pytest.approx(row["running_cost"] + row["terminal_cost"], rel=1e-6)
+        assert row["clearance"] == np.inf
+    assert rows[0]["cost"] != rows[1]["cost"]
+
+
+def test_a_trial_does_not_depend_on_the_trials_it_runs_with(small):
+    alone, together = run_trials(small, [2]), run_trials(small, [1, 2, 3])
+    assert together.rows[1] == alone.rows[0]
+    assert run_trials(small | {"seed": 4}, [2]).rows[0]["cost"] != alone.rows[0]["cost"]
+    for expected, got in zip(alone.paths, [step for step in together.paths if step["trial"] == 2], strict=True):
+        for name, value in expected.items():
+            np.testing.assert_array_equal(got[name], value)
+
+
+def test_paths_are_kept_for_the_first_trials_only(small):
+    batch = run_trials(small, [KEPT_PATHS - 1, KEPT_PATHS])
+    assert KEPT_PATHS == 50
+    assert [(step["trial"], step["step"]) for step in batch.paths] == [(KEPT_PATHS - 1, k) for k in range(4)]
+    shapes = {name: batch.paths[0][name].shape for name in ("state", "mean", "cov", "control")}
+    assert shapes == {"state": (1,), "mean": (1,), "cov": (1,), "control": (1,)}
+    assert np.all(np.isfinite(np.concatenate([step["control"] for step in batch.paths[:-1]])))
+    assert np.all(np.isnan(batch.paths[-1]["control"]))
+    assert batch.scene is not None
+    assert run_trials(small, [KEPT_PATHS]).scene is None
+
+
+def test_the_scene_of_the_plane_shows_where_measurements_are_good():
+    scene = run_trials(users_light_dark(), [0]).scene
+    noise = {name: np.asarray(value) for name, value in scene["noise"].items()}
+    assert noise["level"].shape == (len(noise["y"]), len(noise["x"]))
+    expected = 0.5**0.5 * np.abs(noise["x"] - 5) + 0.1
+    np.testing.assert_allclose(noise["level"], np.tile(expected, (len(noise["y"]), 1)), atol=1e-3)
+    np.testing.assert_allclose(scene["start"], [0.9, 1.9], rtol=1e-6)
+    assert (scene["goal"], scene["radius"], scene["dt"]) == ([7, 0], 0.65, 0.1)
+    assert scene["obstacles"] == [[3, 1], [3, -1]]
+
+
+def users_light_dark() -> dict[str, Any]:
+    """The light-dark system under the cheapest controller there is."""
+    return compose(*PLANNER) | {"controller": {"_target_": "user_parts.Constant"}}
+
+
+def test_a_state_that_leaves_the_finite_numbers_is_called_diverged():
+    (row,) = run_trials(users(system={"growth": 1e6}), [0]).rows
+    assert (row["status"], row["steps"]) == ("diverged", 30)
+    assert "finite" in row["error"]
+    assert not np.isfinite(row["cost"])
+
+
+def test_a_controller_that_raises_costs_its_trials_only_their_results():
+    rows = run_trials(users(controller={"wrong": "raises"}), [0, 1]).rows
+    for trial, row in enumerate(rows):
+        assert (row["trial"], row["status"], row["steps"], row["collided"]) == (trial, "error", 0, None)
+        assert row["error"].startswith("RuntimeError: no plan survives")
+        assert np.isnan(row["cost"])
+        assert set(row) == set(COLUMNS)
+
+
+def test_a_failed_row_has_the_columns_of_a_good_one(small):
+    row = failed_row(small, 5, "crashed", "gone")
+    assert set(row) == set(run_trials(small, [5]).rows[0])
+    assert (row["trial"], row["status"], row["error"], row["theta"]) == (5, "crashed", "gone", 2.0)
+
+
+def test_precision_is_that_of_the_configuration(small):
+    single, double = (run_trials(small | {"precision": name}, [0]) for name in ("float32", "float64"))
+    assert single.paths[1]["state"].dtype == np.float32
+    assert double.paths[1]["state"].dtype == np.float64
+    assert double.paths[1]["state"][0] != np.float32(double.paths[1]["state"][0])
+    assert not jax.config.jax_enable_x64
+
+
+def test_sweeps_over_numbers_compile_once_and_over_sizes_again():
+    run_trials(compose(*PLANNER), [0])
+    before = trials._run._cache_size()
+    costs = [
+        run_trials(compose(*PLANNER, *change), [0]).rows[0]["ess"]
+        for change in (["theta=3"], ["w_obs=100"], ["theta=0", "w_obs=7"], ["system.light=4"], ["seed=5"])
+    ]
+    assert trials._run._cache_size() == before
+    assert len(set(costs)) == 5
+    for steps in (27, 28):
+        run_trials(users() | {"problem": users()["problem"] | {"steps": steps}}, [0])
+    assert trials._run._cache_size() == before + 2
+
+
+def test_control_steps_are_timed_one_by_one(small):
+    for calls in (2, 7):
+        seconds = time_steps(small, calls)
+        assert len(seconds) == calls
+        assert all(0 < second < 60 for second in seconds)

@@ -1,0 +1,207 @@
+"""Theorem 6's certificate: that it holds, and that it fails where the theorem or the package would."""
+
+from collections.abc import Iterator
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import mppi_belief as mb
+from helpers import SIGMAS, float64, quick_jit
+from mppi_belief.belief.cost import risk_sensitive
+from mppi_belief.belief.kalman import GainSchedule
+from mppi_belief.controllers import mppi_belief as planner
+from mppi_belief.planning import path_integral as pi
+from mppi_belief.results.certificate import Certificate, largest_z
+from mppi_belief.verify import pde, transient, underactuated
+from mppi_belief.verify.certificates import control_law as law
+from mppi_belief.verify.matched_problem import Matched, Steady, equation, matched_problem, steady
+
+KEY = 5
+
+
+@pytest.fixture(scope="module")
+def certificate() -> Iterator[Certificate]:
+    with float64():
+        yield law.certify()
+
+
+@pytest.fixture(scope="module")
+def setting() -> Iterator[tuple[Matched, Steady, pde.Equation]]:
+    with float64():
+        matched = matched_problem(steps=law.STEPS[0])
+        along = steady(matched.problem, matched.cov)
+        yield matched, along, equation(matched, along)
+
+
+@pytest.fixture(scope="module")
+def double_integrator() -> Iterator[tuple[mb.Problem, np.ndarray, float, Steady]]:
+    with float64():
+        problem, cov, temperature = underactuated.underactuated()
+        yield problem, cov, temperature, steady(problem, cov)
+
+
+def test_the_certificate_holds(certificate):
+    assert certificate.holds, [check.computed for check in certificate.checks if not check.holds]
+    assert len(certificate.panels) == 3
+
+
+@pytest.mark.parametrize(("factor", "holds"), [(1.0, True), (1.002, False)])
+def test_another_control_map_shows_in_the_limit(setting, factor, holds):
+    matched, _, terms = setting
+    with float64():
+        expected = np.stack([law.exact(matched, terms, H, law.MEANS) for H in law.STEPS])
+        assert law._limit(factor * expected, *law.optimal(matched, terms, law.MEANS)).holds == holds
+
+
+def test_another_cost_shows_in_the_linear_quadratic_case(setting, monkeypatch):
+    along = setting[1]
+    with float64():
+        assert law._linear_quadratic(along).holds
+        monkeypatch.setattr(law, "matched_problem", lambda w_obs, theta: matched_problem(1e-6, 0.0))
+        assert not law._linear_quadratic(along).holds
+
+
+def test_another_temperature_shows_in_the_samples(setting):
+    matched, _, terms = setting
+    with float64():
+        for factor, holds in ((1.0, True), (1.2, False)):
+            sampled = law.sample(matched._replace(temperature=factor * 0.6), terms, jax.random.key(KEY))
+            assert largest_z("", sampled.z, law.KEYS - 1).holds == holds
+
+
+def test_bias_and_variance_of_the_estimate_are_those_of_samples(rng):
+    """One step, in NumPy: N = 100, of which the next order in 1 / N is a hundredth of these."""
+    N, batches, mean = 100, 20_000, -0.5
+    with float64():
+        matched = matched_problem(steps=1)
+        terms = equation(matched, steady(matched.problem, matched.cov))
+        found = law.estimate(matched, terms, np.array([mean]))
+        pushed = np.sqrt(terms.diffusion) * rng.normal(size=(batches, N))
+        weights = np.exp(-terms.terminal((mean * (1 + terms.drift) + pushed).ravel()) / terms.temperature)
+    weights = weights.reshape(batches, N)
+    u = np.sum(weights * pushed, axis=1) / np.sum(weights, axis=1) / 0.8  # b
+    error = u.std() / np.sqrt(batches)
+    assert abs(found.bias[0] / N) > 2 * error
+    assert abs(u.mean() - found.control[0] - found.bias[0] / N) < SIGMAS * error
+    assert N * u.var() == pytest.approx(found.variance[0], rel=SIGMAS * np.sqrt(2 / batches) + 5 / N)
+
+
+def test_the_diffusion_of_the_double_integrator_has_rank_one(double_integrator):
+    problem, cov, temperature, along = double_integrator
+    assert set(np.asarray(along.ranks)) == {1}
+    assert np.linalg.matrix_rank(np.asarray(problem.system.H)) == 2
+    np.testing.assert_allclose(along.cov, np.broadcast_to(cov, along.cov.shape), atol=1e-12)
+    G, R = np.asarray(problem.system.B), np.asarray(problem.cost.R)
+    np.testing.assert_allclose(along.diffusion[0], temperature * G @ np.linalg.solve(R, G.T), atol=1e-12)
+
+
+def test_a_diffusion_beside_the_control_channel_shows(double_integrator):
+    problem, _, temperature, along = double_integrator
+    with float64():
+        assert all(check.holds for check in underactuated._algebra(problem, along, temperature))
+        beside = along._replace(diffusion=along.diffusion + 1e-6 * jnp.eye(2))
+        assert not any(check.holds for check in underactuated._algebra(problem, beside, temperature))
+
+
+def test_a_control_map_that_sees_the_rest_of_the_space_shows(double_integrator, monkeypatch):
+    problem, _, temperature, along = double_integrator
+    monkeypatch.setattr(pi, "control_map", lambda G, R: jnp.array([[1e-9, 1.0]]))
+    with float64():
+        matching, mapped = underactuated._algebra(problem, along, temperature)
+    assert matching.holds
+    assert not mapped.holds
+
+
+def test_the_double_integrators_exact_control_is_lqg_of_the_same_steps(double_integrator):
+    problem, cov, temperature, along = double_integrator
+    with float64():
+        controller = mb.LQG(charge="start")
+
+        @quick_jit
+        def act(problem: mb.Problem, state: jax.Array) -> jax.Array:
+            plan = controller.init(problem)
+            return controller.act(problem, mb.Belief(state, jnp.asarray(cov)), plan, jax.random.key(0))[0][0]
+
+        for state in underactuated.STATES:
+            u = underactuated.exact(problem, along, temperature, state, problem.steps)
+            assert float(act(problem, state)) == pytest.approx(u, abs=1e-11)
+
+
+def test_the_increment_is_that_of_the_tilted_gaussian_by_quadrature(double_integrator):
+    """One step: eps_0 alone, on a fine grid."""
+    problem, _, temperature, along = double_integrator
+    L, start, cost = np.asarray(along.factors[0, :, 0]), np.array([1.5, -0.5]), problem.cost
+    F = np.eye(2) + np.array([[0.0, 1.0], [0.0, 0.0]]) * underactuated.DURATION
+    eps = np.linspace(-9, 9, 2001)
+    away = (F @ start - np.asarray(cost.goal))[:, None] + L[:, None] * eps
+    weights = np.exp(-(eps**2) / 2 - np.asarray(cost.terminal_weight) @ away**2 / (2 * temperature))
+    mean = weights @ eps / weights.sum()
+    assert underactuated.tilted_increment(problem, L, temperature, start, 1) == pytest.approx(mean, rel=1e-10)
+
+
+@pytest.fixture(scope="module")
+def flight(certificate) -> Iterator[tuple[mb.Problem, transient.Run]]:
+    with float64():
+        problem = transient.transient_problem()
+        yield problem, transient.run(problem, jax.random.key(KEY))
+
+
+def test_the_schedule_is_in_transit(flight):
+    """D_k, Sigma_k and the cost of one mean change with k; the weights are neither even nor those of a few paths."""
+    problem, found = flight
+    with float64():
+        for i, start in enumerate(transient.STARTS):
+            covs, diffusions = transient.riccati(problem, start)
+            assert np.linalg.norm(diffusions[-1] - diffusions[0]) > np.linalg.norm(diffusions[0])
+            # but for the trace of (4), which is the same for all paths
+            traces = np.trace(np.diag(problem.cost.running_weight) @ covs, axis1=1, axis2=2) / 2
+            q = [transient.running(problem.cost, start[:, None], cov)[0] for cov in covs] - traces
+            assert np.ptp(q) > 0.1
+            costs = transient.printed(problem, start, found.factors[i], found.eps[i]).costs
+            w = np.exp(-costs) / np.exp(-costs).sum()
+            assert 5 < 1 / np.sum(w**2) < 0.75 * transient.SAMPLES
+
+
+def test_factors_of_another_diffusion_show(flight):
+    problem, found = flight
+    one = transient.STARTS[0], found.factors[0], found.eps[0]
+    with float64():
+        assert transient.printed(problem, *one).factor_error < 1e-13
+        assert transient.printed(problem, one[0], 1.001 * one[1], one[2]).factor_error > 1e-4
+
+
+PATH_COSTS, WEIGHTS, FACTORS = pi.path_costs, pi.weights, planner.diffusion_factors
+
+
+def frozen(schedule: GainSchedule) -> tuple[jax.Array, jax.Array]:
+    factors, ranks = FACTORS(schedule)
+    return jnp.broadcast_to(factors[0], factors.shape), ranks
+
+
+MUTATIONS = {
+    "temperature": (pi, "weights", lambda S, temperature: WEIGHTS(S, 1.03 * temperature)),
+    "charge": (pi, "path_costs", lambda p, m, s, covs, charge, *costs: PATH_COSTS(p, m, s, covs, "end", *costs)),
+    "Sigma_k": (
+        pi,
+        "path_costs",
+        lambda p, m, s, covs, *rest: PATH_COSTS(p, m, s, jnp.broadcast_to(covs[0], covs.shape), *rest),
+    ),
+    "L_k": (planner, "diffusion_factors", frozen),
+}
+
+
+@pytest.mark.parametrize("mutation", MUTATIONS)
+def test_any_other_algorithm_shows_line_by_line(monkeypatch, x64, mutation):
+    monkeypatch.setattr(*MUTATIONS[mutation])
+    run = transient._run
+    monkeypatch.setattr(transient, "_run", lambda *args: run(*args))  # another function for the compiler
+    check = transient.transient_check(jax.random.key(KEY))
+    assert check.value > 1e4 * check.high
+
+
+def test_the_grids_expectations_are_those_of_the_closed_forms(x64):
+    cost, cov = transient.transient_problem().cost, transient.COV
+    exact = [risk_sensitive(cost, jnp.asarray(m), jnp.asarray(cov), transient.THETA) for m in transient.STARTS]
+    np.testing.assert_allclose(transient.running(cost, transient.STARTS.T, cov), exact, rtol=1e-12)

@@ -1,0 +1,139 @@
+"""The certificate of Proposition 2: it holds, and each of its parts fails where the proposition is broken."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import reference
+from certificate_helpers import assert_holds
+from helpers import float64, quick_jit, random_spd
+from mppi_belief.belief import kalman as belief
+from mppi_belief.obstacles import Obstacles
+from mppi_belief.results.certificate import Certificate
+from mppi_belief.systems import LightDark
+from mppi_belief.verify.certificates import deterministic_covariance as covariance
+
+gain_schedule, riccati_step = belief.gain_schedule, quick_jit(belief.riccati_step)
+schedule = quick_jit(gain_schedule, static_argnames="method")
+
+
+@pytest.fixture(scope="module")
+def certificate() -> Certificate:
+    with float64():
+        return covariance.certify()
+
+
+def test_it_holds(certificate):
+    assert_holds(certificate)
+
+
+def test_the_reference_is_the_riccati_equations(x64):
+    found = covariance.reference()
+    cov = np.diag(np.square([0.5, 0.4, 0.3]))
+    exact = reference.riccati_flow(cov, covariance.A, covariance.Q, covariance.C, covariance.R_O, covariance.DURATION)
+    assert np.linalg.norm(found.cov - exact) < found.error
+    np.testing.assert_allclose(found.gain, exact @ covariance.C.T @ np.linalg.inv(covariance.R_O), atol=1e-9)
+    np.testing.assert_allclose(found.diffusion, found.gain @ covariance.R_O @ found.gain.T, atol=1e-12)
+
+
+def test_another_process_noise_than_the_filters_is_seen(monkeypatch, quick_x64):
+    monkeypatch.setattr(covariance, "Q", 1.01 * covariance.Q)
+    assert not any(check.holds for check in covariance.limits(schedule)[0][1:])
+    assert not any(check.holds for check in covariance.settled(schedule))
+
+
+@pytest.mark.parametrize("part", ["cov", "gain", "diffusion"])
+def test_a_wrong_limit_is_seen(part, quick_x64):
+    def wrong(*arguments):
+        found = schedule(*arguments)
+        return found._replace(**{part: getattr(found, part) * 1.001})
+
+    assert not covariance.limits(wrong)[0][1].holds
+
+
+def test_the_diffusion_of_the_measurement_noise_alone_is_seen(monkeypatch, quick_x64):
+    """K R_s K' in place of K S K', which is the same in the limit."""
+
+    def wrong(problem, mean, root, u):
+        mean, root, K, _ = filter_step(problem, mean, root, u)
+        return mean, root, K, K @ (covariance.R_O / problem.dt) @ K.T / problem.dt
+
+    filter_step = belief.filter_step
+    monkeypatch.setattr(belief, "filter_step", wrong)
+    assert [check.holds for check in covariance.transient(gain_schedule)] == [False, True]
+
+
+@pytest.mark.parametrize("part", [2, 3])
+def test_a_riccati_schedule_that_is_a_step_late_is_seen(part, monkeypatch, quick_x64):
+    """K or D of t_{k+1} instead of t_k, which is the same once all is settled."""
+
+    def wrong(problem, mean, root, u):
+        found = list(riccati_schedule_step(problem, mean, root, u))
+        found[part] = riccati_schedule_step(problem, *found[:2], u)[part]
+        return tuple(found)
+
+    riccati_schedule_step = belief._riccati_schedule_step
+    monkeypatch.setattr(belief, "_riccati_schedule_step", wrong)
+    assert [check.holds for check in covariance.transient(gain_schedule)] == [True, False]
+
+
+def test_an_ekf_that_is_not_numpys_recursion_is_seen(monkeypatch, quick_x64):
+    monkeypatch.setattr(covariance, "Q", (1 + 1e-9) * covariance.Q)
+    assert [check.holds for check in covariance.independence(covariance.linear(0.1), 0)] == [True, False]
+
+
+def test_a_covariance_that_feels_the_controls_is_seen(monkeypatch, quick_x64):
+    def felt(problem, at, controls, *rest):
+        found = gain_schedule(problem, at, controls, *rest)
+        return found._replace(cov=found.cov * (1 + 1e-15 * jnp.sum(controls**2)))
+
+    monkeypatch.setattr(covariance, "gain_schedule", felt)
+    assert not covariance.independence(covariance.linear(0.1), 0)[0].holds
+
+
+def test_a_filter_whose_covariance_feels_the_measurements_is_seen(monkeypatch, quick_x64):
+    class Doubting(covariance.EKF):
+        def update(self, problem, belief, u, y, key):
+            after = super().update(problem, belief, u, y, key)
+            return after._replace(root=after.root * (1 + 1e-6 * jnp.sum(y**2)))
+
+    jax.tree_util.register_dataclass(Doubting, data_fields=[], meta_fields=[])
+    monkeypatch.setattr(covariance, "EKF", Doubting)
+    assert not any(check.holds for check in covariance.independence(covariance.linear(0.1), 0))
+
+
+def test_light_that_is_the_same_everywhere_is_seen(monkeypatch, quick_x64):
+    def even(dt):
+        system = LightDark(Obstacles(jnp.zeros((0, 2)), 0), 0.3, 5.0, 0.0, 0.1, "intensity")
+        return light_dark(dt).__class__(**{**vars(light_dark(dt)), "system": system})
+
+    light_dark = covariance.light_dark
+    monkeypatch.setattr(covariance, "light_dark", even)
+    assert not covariance.steered(0).holds
+
+
+def test_bits_are_counted():
+    parts = np.ones((3, 2, 2))
+    assert covariance.differing(parts) == 0
+    parts[2, 0, 1] += 1e-15
+    assert covariance.differing(parts) == 1
+
+
+@settings(max_examples=25, deadline=None, derandomize=True)
+@given(seed=st.integers(0, 10**6), duration=st.floats(0.01, 3), relative=st.floats(0.01, 0.9))
+def test_the_flow_lets_no_relative_error_grow(seed, duration, relative):
+    """What every band for rounding rests on: (1 +- e) Sigma flows to between (1 - e) and (1 + e) times the flow."""
+    rng = np.random.default_rng(seed)
+    A, C = rng.normal(size=(3, 3)), rng.normal(size=(2, 3))
+    cov, Q, R_o = random_spd(rng, 3, 0.05), random_spd(rng, 3, 0.01), random_spd(rng, 2, 0.1)
+    with float64():
+        after, more, less = (
+            np.asarray(riccati_step(jnp.asarray(cov * factor), A, Q, C, R_o, duration))
+            for factor in (1.0, 1 + relative, 1 - relative)
+        )
+    tiny = 1e-10 * np.linalg.norm(after)
+    assert np.linalg.eigvalsh((1 + relative) * after - more).min() > -tiny
+    assert np.linalg.eigvalsh(less - (1 - relative) * after).min() > -tiny

@@ -1,0 +1,126 @@
+"""Corollary 5's certificate: that it holds, and that it fails where the corollary or the package would."""
+
+from collections.abc import Iterator
+
+import jax
+import numpy as np
+import pytest
+
+from helpers import float64, quick_jit
+from mppi_belief.results.certificate import Certificate, largest_z, within_errors
+from mppi_belief.verify import pde
+from mppi_belief.verify.certificates import feynman_kac as fk
+from mppi_belief.verify.matched_problem import (
+    Matched,
+    Steady,
+    equation,
+    matched_problem,
+    rate,
+    sampled_costs,
+    steady,
+    with_grid,
+)
+
+KEY = 5
+
+
+@pytest.fixture(scope="module")
+def certificate() -> Iterator[Certificate]:
+    with float64():
+        yield fk.certify()
+
+
+@pytest.fixture(scope="module")
+def setting() -> Iterator[tuple[Matched, Steady, pde.Equation]]:
+    with float64():
+        matched = matched_problem(steps=fk.COARSE)
+        along = steady(with_grid(matched, 1.0, 2 * fk.COARSE), matched.cov)
+        yield matched, along, equation(matched, along)
+
+
+def agree(matched: Matched, along: Steady, terms: pde.Equation) -> bool:
+    points = fk.at_points(matched, along, terms, jax.random.key(KEY))
+    return largest_z("", points.z, fk.BATCHES - 1).holds
+
+
+def test_the_certificate_holds(certificate):
+    assert certificate.holds, [check.computed for check in certificate.checks if not check.holds]
+    assert len(certificate.panels) == 2
+
+
+def test_paths_of_another_diffusion_or_temperature_or_step_show(setting, monkeypatch):
+    matched, along, terms = setting
+    monkeypatch.setattr(fk, "TIMES", fk.TIMES[1:2])
+    with float64():
+        assert agree(matched, along, terms)
+        assert not agree(matched, along._replace(factors=1.1 * along.factors), terms)
+        assert not agree(matched._replace(temperature=1.02 * matched.temperature), along, terms)
+        # the bias allowed for comes from the levels alone: it does not excuse that of the coarse step
+        batches = fk._batches
+        monkeypatch.setattr(fk, "_batches", lambda *args: np.array(batches(*args))[:, [0, 0]])
+        assert not agree(matched, along, terms)
+
+
+def test_a_psi_of_the_linear_equation_that_is_off_shows(setting):
+    _, _, terms = setting
+    with float64():
+        exact, error = fk.solution(terms)
+        unused = np.ones_like(exact)
+        for factor, holds in ((1.0, True), (1.001, False)):
+            _, limit = fk._orders(terms, fk.Points(factor * exact, error, unused, unused, unused))
+            assert limit.holds == holds
+
+
+@pytest.mark.parametrize("broken", ["shifted", "repeated"])
+def test_biased_or_dependent_samples_show(setting, monkeypatch, broken):
+    matched, along, terms = setting
+    pooled = fk.pooled_costs
+
+    def spoilt(matched, along, mean, key, paths):
+        if broken == "shifted":
+            costs, increments = pooled(matched, along, mean, key, paths)
+            return costs + 0.3, increments
+        costs, increments = pooled(matched, along, mean, key, paths // 2)
+        return np.repeat(costs, 2), np.repeat(increments, 2)
+
+    monkeypatch.setattr(fk, "SIZES", fk.SIZES[2::3])
+    monkeypatch.setattr(fk, "pooled_costs", spoilt)
+    with float64():
+        found = fk.at_one(matched, along, terms, jax.random.key(KEY))
+        slope, error = rate(fk.SIZES, found.rms, found.relative)
+    assert not within_errors("", found.squared, 1.0, found.squared_error).holds
+    # twice each sample leaves the rate as it is, a bias does not
+    assert within_errors("", slope, -0.5, error).holds == (broken == "repeated")
+
+
+def test_the_paths_are_those_of_a_loop(setting, rng):
+    matched, along, _ = setting
+    with float64():
+        problem, terms = with_grid(matched, 0.8, 4), setting[2]
+        eps = rng.normal(size=(4, 1, 3))
+        costs, pushed = quick_jit(sampled_costs)(problem, matched.theta, np.array([0.7]), along, eps)
+        np.testing.assert_allclose(np.abs(pushed), np.sqrt(terms.diffusion) * np.abs(eps), rtol=1e-12)
+        for i in range(3):
+            mu, total = np.array([0.7]), 0.0
+            for k in range(4):
+                total += terms.running(mu)[0] * 0.2
+                mu = mu * (1 + terms.drift * 0.2) + np.asarray(pushed)[k, 0, i]
+            assert costs[i] == pytest.approx(total + terms.terminal(mu)[0], rel=1e-12)
+
+
+def test_the_schedule_of_fewer_steps_is_the_beginning_of_that_of_more(setting):
+    matched, along, _ = setting
+    with float64():
+        shorter = steady(with_grid(matched, 0.3, 4), matched.cov)
+        np.testing.assert_allclose(shorter.cov, along.cov[:5], rtol=1e-12)
+        np.testing.assert_allclose(shorter.factors, along.factors[:4], rtol=1e-12)
+        assert set(np.asarray(along.ranks)) == {1}
+
+
+def test_the_rate_is_a_weighted_fit(rng):
+    sizes, relative = 2 ** np.arange(3, 9), rng.uniform(0.02, 0.2, 6)
+    rms = sizes**-0.4 * np.exp(relative * rng.normal(size=6))
+    slope, error = rate(sizes, rms, relative)
+    fit, cov = np.polyfit(np.log(sizes), np.log(rms), 1, w=1 / relative, cov="unscaled")
+    assert slope == pytest.approx(fit[0])
+    assert error == pytest.approx(np.sqrt(cov[0, 0]))

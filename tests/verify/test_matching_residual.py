@@ -1,0 +1,107 @@
+"""The matching residual of Sec. VII: its certificate, that it can fail, and its closed forms against SciPy."""
+
+import numpy as np
+import pytest
+from scipy.linalg import solve_continuous_are, solve_discrete_are
+
+from helpers import float64
+from mppi_belief.matching import weights as matching
+from mppi_belief.verify import least_residual
+from mppi_belief.verify.certificates import matching_residual as certificate
+
+
+@pytest.fixture(scope="module")
+def found():
+    with float64():
+        return certificate.certify(1)
+
+
+def failing(checks):
+    return [check.computed for check in checks if not check.holds]
+
+
+def test_the_certificate_holds(found):
+    assert found.holds, [check for check in found.checks if not check.holds]
+    assert len(found.checks) == 10
+    assert [len(panel.lines) for panel in found.panels] == [3, 6]
+
+
+def test_the_text_reports_the_readings(found):
+    assert "none of them is 0.79" in found.text
+    for reading in ("0.800", "0.801", "0.569", "0.0947", "0.297", "0.785"):
+        assert reading in found.text
+
+
+def test_a_wrong_closed_form_is_seen(x64, monkeypatch):
+    right = certificate.closed_form
+    rest = {name: certificate.closed_form(certificate.SIGMAS, name) for name in certificate.METHOD}
+    monkeypatch.setattr(certificate, "at_rest", lambda sigma_o, name: rest[name])
+    assert failing(certificate._at_rest()) == []
+    monkeypatch.setattr(certificate, "closed_form", lambda *arguments: right(*arguments) * (1 + 1e-10))
+    assert len(failing(certificate._at_rest())) == 2
+    monkeypatch.setattr(certificate, "closed_form", right)
+    monkeypatch.setattr(certificate, "at_rest", lambda sigma_o, name: rest[name][::-1])
+    assert len(failing(certificate._at_rest())) == 2
+
+
+def test_a_worse_weight_is_seen(x64, monkeypatch):
+    best = least_residual.best_constant_weight
+    for gap in ({}, {"gap": 0.0}):  # whatever the search says of itself
+
+        def hasty(D, G, *rest, gap=gap):
+            return best(D, G, iterations=3)._replace(**gap)
+
+        monkeypatch.setattr(least_residual, "best_constant_weight", hasty)
+        failed = failing(least_residual.least(np.random.default_rng(0)))
+        for said in ("duality gap", "300 other", "least sum of squares"):
+            assert any(said in computed for computed in failed)
+
+
+@pytest.mark.parametrize("floor", [-1e-3, -1e-9])
+def test_a_search_among_weights_that_are_not_quite_positive_is_seen(floor, x64, monkeypatch):
+    def clipped(M):
+        values, vectors = np.linalg.eigh((M + M.T) / 2)
+        return (vectors * np.maximum(values, floor)) @ vectors.T
+
+    monkeypatch.setattr(matching, "_nearest_psd", clipped)
+    failed = failing(least_residual.least(np.random.default_rng(0)))
+    assert any("least eigenvalue of the best" in computed for computed in failed)
+
+
+def test_a_gap_bounds_what_is_left(x64, rng):
+    """From any W >= 0, over what the library's search finds; and it is the library's."""
+    D, G = least_residual.turning(rng)
+    least = matching.best_constant_weight(D, G).value
+    for size in (1e-3, 1.0, 30.0):
+        factor = rng.normal(size=(2, 2)) * size
+        value, gap = least_residual.optimum(D, G, factor @ factor.T)
+        assert 0 < value - least < gap
+        assert gap == pytest.approx(matching.optimality_gap(D, G, factor @ factor.T), rel=1e-9)
+
+
+def test_a_step_that_is_not_best_is_seen(x64, monkeypatch):
+    line = {"sample": certificate.along("sample", certificate.START, certificate.GOAL)}
+    assert failing(certificate._constant(line)) == []
+    best = certificate.best_weight
+    monkeypatch.setattr(certificate, "best_weight", lambda D, G: 1.0001 * best(D, G))
+    assert len(failing(certificate._constant(line))) == 1
+
+
+@pytest.mark.parametrize("sigma_o", [0.03, 0.1, 0.3, 3.0])
+def test_the_closed_forms_are_those_of_the_riccati_equations(sigma_o):
+    q, C = certificate.SIGMA_W**2, np.eye(1, 2)
+
+    def residual(K):
+        return np.sqrt(1 - (K[1] ** 2 / (K[0] ** 2 + K[1] ** 2)) ** 2)
+
+    S = solve_continuous_are(np.array([[0.0, 0], [1, 0]]), C.T, np.diag([0, q]), sigma_o**2 * np.eye(1))
+    assert certificate.closed_form(sigma_o, "intensity") == pytest.approx(residual(S[:, 0]), rel=1e-9)
+    for dt in (0.1, 0.5):
+        P = solve_discrete_are(np.array([[1.0, 0], [dt, 1]]), C.T, np.diag([0, q * dt]), sigma_o**2 * np.eye(1))
+        assert certificate.closed_form(sigma_o, "sample", dt) == pytest.approx(residual(P[:, 0]), rel=1e-9)
+
+
+def test_sampling_an_intensity_ever_faster_tends_to_it_at_second_order():
+    limit = certificate.closed_form(0.1, "intensity")
+    errors = [float(certificate.closed_form(0.1 / dt**0.5, "sample", dt) - limit) for dt in (0.2, 0.1, 0.05, 0.025)]
+    np.testing.assert_allclose(np.log2(np.array(errors[:-1]) / errors[1:]), 2, atol=0.05)
