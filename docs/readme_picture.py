@@ -4,9 +4,9 @@ from pathlib import Path
 
 from mppi_belief.cli.main import collect
 from mppi_belief.cli.overview import as_run
+from mppi_belief.config.cell import Cell
 from mppi_belief.report import figures
 from mppi_belief.report.cell_results import find
-from mppi_belief.run.plan import Cell
 
 FOLDER = Path("docs/img")
 

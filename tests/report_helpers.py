@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from mppi_belief.config.cell import Cell
 from mppi_belief.report.cell_results import Found, find
 from mppi_belief.results import files
 from mppi_belief.results import table as results
-from mppi_belief.run.plan import Cell
 from study_helpers import config, failed_row, row
 
 PATH_COLUMNS = ("trial", "step", "state", "mean", "cov", "control")

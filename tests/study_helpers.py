@@ -10,9 +10,10 @@ from pathlib import Path
 from types import FrameType
 from typing import Any, NamedTuple
 
-from mppi_belief.config.settings import ConfigError
+from mppi_belief.config.cell import Cell
+from mppi_belief.errors import ConfigError
 from mppi_belief.run.local import Lanes
-from mppi_belief.run.plan import Cell, Chunk
+from mppi_belief.run.plan import Chunk
 from mppi_belief.run.pool import Pool
 from mppi_belief.run.worker import Setup
 

@@ -18,9 +18,9 @@ import pytest
 from cli_helpers import CONF, PLANNER, collect, compose
 from experiment_helpers import compiled_quickly
 from helpers import float64
+from mppi_belief.config.cell import Cell
 from mppi_belief.config.compose import RUNTIME_KEYS
 from mppi_belief.problem import ClosedFormCost, Cost, System
-from mppi_belief.run.plan import Cell
 from mppi_belief.trial import Experiment, build, check, run_trials
 
 GROUPS = ("system", "cost", "filter", "controller", "sweep", "experiment")

@@ -13,12 +13,12 @@ import mppi_belief as mb
 from cli_helpers import compose, python
 from experiment_helpers import compiled_quickly
 from helpers import light_dark_problem
-from mppi_belief.simulate import Metrics
 from mppi_belief.trial import run_trials
+from mppi_belief.trial_metrics import Metrics
 
 # cost, running cost, terminal cost, clearance (m), final distance (m), mean effective sample size of
 # trials 0, 1, 2 in double precision. A change of these numbers is a change of the algorithm: raise
-# study.plan.ALGORITHM_VERSION and say so in the changelog.
+# config.cell.ALGORITHM_VERSION and say so in the changelog.
 INF = float("inf")
 GOLDEN = {
     ("controller=belief", "experiment=reference_scenario"): [

@@ -13,8 +13,9 @@ from typing import Any
 
 import rounds
 from mppi_belief.config import environment
+from mppi_belief.config.cell import IDENTITY, Cell
 from mppi_belief.run import executors
-from mppi_belief.run.plan import IDENTITY, Cell, Chunk
+from mppi_belief.run.plan import Chunk
 from mppi_belief.run.pool import Pool, Workers
 from mppi_belief.run.worker import Setup
 

@@ -17,7 +17,7 @@ from helpers import assert_covariance, assert_mean, light_dark_problem, quick_ji
 from linear_system import random_problem
 from mppi_belief.belief import cost as belief_cost
 from mppi_belief.belief.gaussian import MixtureBelief, RootBelief, prior, prior_mixture
-from mppi_belief.config.settings import ConfigError
+from mppi_belief.errors import ConfigError
 from mppi_belief.filters.mixture import log_likelihood, reweighted
 from mppi_belief.planning.path_integral import PlanInfo
 from mppi_belief.simulate import draw_state

@@ -12,8 +12,8 @@ import pytest
 from cli_helpers import SMALL, Said, call, compose, files_in
 from experiment_helpers import compiled_quickly
 from mppi_belief.cli.replay import _changes
+from mppi_belief.config.cell import ALGORITHM_VERSION, Cell
 from mppi_belief.results import table as results
-from mppi_belief.run.plan import ALGORITHM_VERSION, Cell
 from mppi_belief.trial import run_trials, trials
 from mppi_belief.trial.rerun import differences, shown, ulps
 from study_helpers import row

@@ -18,8 +18,8 @@ import pytest
 from cli_helpers import Said, call, collect, files_in, python
 from mppi_belief.cli import main as cli
 from mppi_belief.config import compose as composing
+from mppi_belief.config.cell import Cell
 from mppi_belief.report.build import STUDIES
-from mppi_belief.run.plan import Cell
 from report_helpers import lost, random_trials, store, store_pictured
 
 TABLE_1 = ["experiment=table_1", "n_trials=12"]

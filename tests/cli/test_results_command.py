@@ -18,10 +18,10 @@ import pyarrow.parquet as pq
 import pytest
 
 from cli_helpers import Said, call, files_in
+from mppi_belief.config.cell import ALGORITHM_VERSION, Cell
 from mppi_belief.results import compact as compaction
 from mppi_belief.results import files
 from mppi_belief.results import table as results
-from mppi_belief.run.plan import ALGORITHM_VERSION, Cell
 from report_helpers import lost, setting, store, store_pictured
 from results_helpers import EXTREMES, bits
 from study_helpers import row

@@ -8,7 +8,7 @@ from omegaconf import OmegaConf
 
 from cli_helpers import collect, compose
 from mppi_belief.config.hydra_errors import one_line
-from mppi_belief.config.settings import ConfigError
+from mppi_belief.errors import ConfigError
 
 OPTIONS = r"no such option, choose from .*"
 

@@ -6,7 +6,9 @@ from typing import Any
 
 import pytest
 
-from mppi_belief.config.settings import ConfigError, batch_size, batches, canonical, check, plain_line, unknown_key
+from mppi_belief.config.cell import batches, canonical
+from mppi_belief.config.settings import batch_size, check
+from mppi_belief.errors import ConfigError, plain_line, unknown_key
 
 
 def settings(**changes: Any) -> dict[str, Any]:

@@ -8,8 +8,8 @@ import pytest
 
 from cli_helpers import restored
 from mppi_belief.config import targets
-from mppi_belief.config.settings import ConfigError
 from mppi_belief.config.targets import allow, fingerprints, locate
+from mppi_belief.errors import ConfigError
 
 REFUSED = r": must name a class of mppi_belief or of a module in a --config-dir folder"
 

@@ -13,7 +13,7 @@ import mppi_belief as mb
 import reference
 from helpers import CENTERS, light_dark_problem, quick_jit
 from mppi_belief.belief.gaussian import prior
-from mppi_belief.belief.kalman import diffusion_factors, gain_schedule
+from mppi_belief.belief.schedule import diffusion_factors, gain_schedule
 
 KEY = jax.random.key(7)
 PRINTED = {"diffusion": "innovation", "charge": "start", "antithetic": False}

@@ -7,7 +7,7 @@ import pytest
 
 import mppi_belief as mb
 from helpers import light_dark_problem, quick_jit
-from mppi_belief.filters.particle import ParticleBelief, summarised
+from mppi_belief.belief.particles import ParticleBelief, summarised
 
 KEY = jax.random.key(3)
 PLAN = 0.3 * jnp.ones((10, 2))

@@ -5,8 +5,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from mppi_belief.config.cell import Cell
 from mppi_belief.run.local import Lanes
-from mppi_belief.run.plan import Cell, Chunk
+from mppi_belief.run.plan import Chunk
 from mppi_belief.run.pool import Pool
 from mppi_belief.run.worker import Setup
 from study_helpers import TESTS, config, poll

@@ -8,8 +8,8 @@ import pytest
 
 from cli_helpers import collect
 from faults_helpers import N_TRIALS, SMALL, Run
+from mppi_belief.config import cell as cell_identity
 from mppi_belief.results import table as results
-from mppi_belief.run import plan
 
 
 @pytest.fixture
@@ -73,7 +73,7 @@ def restate(path, table: pa.Table, about: dict) -> None:
 def test_results_of_another_algorithm_are_in_other_folders(monkeypatch):
     """The same configuration, when it would give other numbers, is another cell: what is there does not count."""
     (config,) = collect(*SMALL)
-    now = plan.Cell(config).id
-    assert plan.Cell(config).id == now
-    monkeypatch.setattr(plan, "ALGORITHM_VERSION", plan.ALGORITHM_VERSION - 1)
-    assert plan.Cell(config).id != now
+    now = cell_identity.Cell(config).id
+    assert cell_identity.Cell(config).id == now
+    monkeypatch.setattr(cell_identity, "ALGORITHM_VERSION", cell_identity.ALGORITHM_VERSION - 1)
+    assert cell_identity.Cell(config).id != now

@@ -9,11 +9,12 @@ import pytest
 from cli_helpers import PLANNER
 from fault_work import HERE, unpicklable
 from faults_helpers import Ended, Run
+from mppi_belief.config.cell import Cell
 from mppi_belief.report.summary import summary
 from mppi_belief.results.table import read_table, result_hash
 from mppi_belief.run import pool
 from mppi_belief.run.local import Lanes
-from mppi_belief.run.plan import Cell, Chunk
+from mppi_belief.run.plan import Chunk
 from mppi_belief.run.worker import Lost, Overtime, Setup
 from study_helpers import TESTS, answer, config
 

@@ -11,8 +11,9 @@ from scipy import stats
 import mppi_belief as mb
 from helpers import assert_mean, light_dark_problem, quick_jit
 from linear_system import random_problem
+from mppi_belief.belief.particles import ParticleBelief, summarised
 from mppi_belief.discretise import euler_step
-from mppi_belief.filters.particle import ParticleBelief, log_likelihood, summarised, systematic
+from mppi_belief.filters.particle import log_likelihood, systematic
 
 CONTROLS = jnp.array([[0.5, -0.2], [0.1, 0.3], [-0.4, 0.0], [0.2, 0.2]])
 SURPRISES = jnp.array([[0.2], [-0.1], [0.15], [0.1]])  # what a measurement is off by, of the order of its noise

@@ -13,7 +13,8 @@ from helpers import light_dark_problem, quick_jit, random_spd
 from linear_system import random_problem
 from mppi_belief.belief.gaussian import RootBelief
 from mppi_belief.filters.ukf import regression, sigma_points
-from mppi_belief.matching.affine import gaussian_nodes, outside_mean_tangent
+from mppi_belief.matching.affine import outside_mean_tangent
+from mppi_belief.numerics.quadrature import gaussian_nodes
 from system_helpers import beacons, pendulum, turned
 
 KEY = jax.random.key(0)

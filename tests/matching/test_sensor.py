@@ -10,7 +10,8 @@ import pytest
 import mppi_belief as mb
 from helpers import Feedback, quick_jit, random_spd
 from mppi_belief.belief.gaussian import prior
-from mppi_belief.belief.kalman import aimed_ahead, gain_schedule, predict
+from mppi_belief.belief.kalman import aimed_ahead, predict
+from mppi_belief.belief.schedule import gain_schedule
 from mppi_belief.filters import EKF
 from mppi_belief.matching.sensor import LEFT, matching_sensor
 from mppi_belief.matching.weights import matched_weight, residual

@@ -11,7 +11,7 @@ from scipy.linalg import solve_continuous_are, solve_discrete_are
 
 from helpers import float64, light_dark_problem, quick_jit, random_spd
 from mppi_belief.belief.gaussian import prior
-from mppi_belief.belief.kalman import gain_schedule
+from mppi_belief.belief.schedule import gain_schedule
 from mppi_belief.matching.weights import (
     best_constant_weight,
     best_weight,

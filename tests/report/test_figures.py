@@ -20,11 +20,11 @@ from matplotlib.patches import Circle, Ellipse
 from PIL import Image, ImageSequence
 from scipy import stats
 
+from mppi_belief.config.cell import Cell
 from mppi_belief.report import figures, published
 from mppi_belief.report.cell_results import NAMES, Found
 from mppi_belief.report.figures import plane, points, style
 from mppi_belief.results import table as results
-from mppi_belief.run.plan import Cell
 from report_helpers import PATH_COLUMNS
 from study_helpers import config, failed_row, row
 

@@ -8,12 +8,12 @@ import pytest
 from matplotlib.figure import Figure
 from scipy.stats import chi2
 
+from mppi_belief.config.cell import Cell
 from mppi_belief.report import figures
 from mppi_belief.report.cell_results import Found
 from mppi_belief.report.sections import nonlinearity as consistency
 from mppi_belief.report.sections.studies import sections
 from mppi_belief.report.statistics import chi_square_band
-from mppi_belief.run.plan import Cell
 from report_helpers import held, setting, spread_out
 from study_helpers import row
 

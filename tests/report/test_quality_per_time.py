@@ -11,6 +11,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.text import Annotation
 
 from cli_helpers import CONF, call, collect
+from mppi_belief.config.cell import Cell
 from mppi_belief.config.compose import grids
 from mppi_belief.report import figures
 from mppi_belief.report.cell_results import Found
@@ -18,7 +19,6 @@ from mppi_belief.report.sections.quality_per_time import ABOVE, ENOUGH, advice, 
 from mppi_belief.report.sections.studies import sections
 from mppi_belief.report.statistics import paired_rate_difference
 from mppi_belief.report.summary import interval
-from mppi_belief.run.plan import Cell
 from report_helpers import held, lost, setting, spread_out, trials
 from study_helpers import row
 

@@ -15,12 +15,12 @@ from scipy import stats
 
 from helpers import SIGMAS
 from mppi_belief.cli.overview import overview
+from mppi_belief.config.cell import Cell
 from mppi_belief.report import figures
 from mppi_belief.report.statistics import Estimate, mean_interval, proportion_interval
 from mppi_belief.report.summary import as_text, summarise
 from mppi_belief.results import files
 from mppi_belief.results import table as results
-from mppi_belief.run.plan import Cell
 from study_helpers import config, failed_row, row
 
 

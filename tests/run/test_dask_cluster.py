@@ -12,13 +12,14 @@ from typing import Any
 import distributed
 import pytest
 
-from mppi_belief.config.settings import ConfigError
+from mppi_belief.config.cell import Cell
+from mppi_belief.errors import ConfigError
 from mppi_belief.results import table as results
 from mppi_belief.run import dask as cluster
 from mppi_belief.run import executors
 from mppi_belief.run.dask import Cluster, Site, run_there
 from mppi_belief.run.local import Lanes, WorkerDied, WorkersGone
-from mppi_belief.run.plan import Cell, Chunk
+from mppi_belief.run.plan import Chunk
 from mppi_belief.run.pool import Pool
 from mppi_belief.run.runner import run_study
 from mppi_belief.run.signals import StoppedAtOnce

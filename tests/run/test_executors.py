@@ -7,12 +7,12 @@ from pathlib import Path
 import pytest
 
 from cli_helpers import SMALL, call, collect, files_in
-from mppi_belief.config.settings import ConfigError
+from mppi_belief.config.cell import Cell
+from mppi_belief.errors import ConfigError
 from mppi_belief.run import executors
 from mppi_belief.run.dask import Cluster
 from mppi_belief.run.executors import Dask, Local, Slurm, read, workers
 from mppi_belief.run.local import Lanes
-from mppi_belief.run.plan import Cell
 from mppi_belief.run.worker import Setup
 
 BAD = [

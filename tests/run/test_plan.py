@@ -8,8 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cli_helpers import collect, compose
-from mppi_belief.run import plan
-from mppi_belief.run.plan import Cell, chunks
+from mppi_belief.config import cell as cell_identity
+from mppi_belief.config.cell import Cell
+from mppi_belief.run.plan import SMALLEST_CHUNK, chunks
 from study_helpers import config, trials_of
 
 
@@ -44,7 +45,7 @@ def test_a_users_code_is_part_of_the_cell():
 
 def test_an_algorithm_version_of_its_own_makes_another_cell(monkeypatch):
     before = Cell(config()).id
-    monkeypatch.setattr(plan, "ALGORITHM_VERSION", plan.ALGORITHM_VERSION + 1)
+    monkeypatch.setattr(cell_identity, "ALGORITHM_VERSION", cell_identity.ALGORITHM_VERSION + 1)
     assert Cell(config()).id != before
 
 
@@ -138,8 +139,8 @@ def test_chunks_are_exactly_the_missing_trials_once_each_in_order(n_trials, done
 @given(n_trials=st.integers(1, 5000), workers=st.integers(1, 64))
 def test_every_worker_gets_a_share_and_no_chunk_is_much_to_lose(n_trials, workers):
     sizes = [len(chunk.trials) for chunk in chunks(Cell(config()), n_trials, (), workers)]
-    assert len(sizes) >= min(workers, math.ceil(n_trials / plan.SMALLEST_CHUNK))
-    assert max(sizes) <= max(plan.SMALLEST_CHUNK, math.ceil(n_trials / workers / 200))
+    assert len(sizes) >= min(workers, math.ceil(n_trials / SMALLEST_CHUNK))
+    assert max(sizes) <= max(SMALLEST_CHUNK, math.ceil(n_trials / workers / 200))
 
 
 def test_two_hundred_trials_go_out_in_chunks_of_ten():

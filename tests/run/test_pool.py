@@ -11,9 +11,10 @@ from typing import Any
 
 import pytest
 
-from mppi_belief.config.settings import ConfigError
+from mppi_belief.config.cell import Cell
+from mppi_belief.errors import ConfigError
 from mppi_belief.run.local import Lanes, WorkerDied, WorkersGone
-from mppi_belief.run.plan import Cell, Chunk
+from mppi_belief.run.plan import Chunk
 from mppi_belief.run.pool import Pool
 from mppi_belief.run.worker import Lost, Overtime, Setup
 from study_helpers import TESTS, answer, config, ended, leave_marks, limited, path_and_environment, poll

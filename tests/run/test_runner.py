@@ -12,12 +12,12 @@ from typing import Any
 
 import pytest
 
-from mppi_belief.config.settings import ConfigError
+from mppi_belief.config.cell import Cell
+from mppi_belief.errors import ConfigError
 from mppi_belief.results import files
 from mppi_belief.results import table as results
 from mppi_belief.run import writer as ledger
 from mppi_belief.run.local import Lanes
-from mppi_belief.run.plan import Cell
 from mppi_belief.run.pool import Pool
 from mppi_belief.run.runner import run_study
 from mppi_belief.run.signals import StoppedAtOnce, polite_stop

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from cli_helpers import python
-from mppi_belief.config.settings import ConfigError
+from mppi_belief.errors import ConfigError
 from mppi_belief.run import slurm
 from mppi_belief.run.executors import Slurm, script
 from mppi_belief.run.local import WorkersGone

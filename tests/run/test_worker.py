@@ -8,8 +8,9 @@ from typing import Any
 
 import pytest
 
-from mppi_belief.config.settings import ConfigError
-from mppi_belief.run.worker import Lost, Overtime, Report, Setup, enter, run_chunk, where, within
+from mppi_belief.errors import ConfigError
+from mppi_belief.results.provenance import where
+from mppi_belief.run.worker import Lost, Overtime, Report, Setup, enter, run_chunk, within
 from study_helpers import answer, config
 
 

@@ -9,9 +9,9 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
+from mppi_belief.config.cell import Cell
 from mppi_belief.results import table as results
 from mppi_belief.run import writer as ledger
-from mppi_belief.run.plan import Cell
 from mppi_belief.run.pool import Done
 from mppi_belief.run.task import Task
 from mppi_belief.run.worker import Lost

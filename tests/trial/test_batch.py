@@ -11,10 +11,11 @@ import pytest
 
 from cli_helpers import SMALL, compose
 from experiment_helpers import compiled_quickly
-from mppi_belief.config.settings import ConfigError
+from mppi_belief.config.cell import Cell
+from mppi_belief.errors import ConfigError
 from mppi_belief.results import table as results
 from mppi_belief.run.local import Lanes
-from mppi_belief.run.plan import Cell, chunks
+from mppi_belief.run.plan import chunks
 from mppi_belief.run.runner import run_study
 from mppi_belief.run.task import Order, Task
 from mppi_belief.run.worker import Setup

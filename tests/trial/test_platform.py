@@ -11,7 +11,7 @@ import pytest
 
 from cli_helpers import SMALL, call, compose, files_in, restored
 from mppi_belief.config import environment
-from mppi_belief.config.settings import ConfigError
+from mppi_belief.errors import ConfigError
 from mppi_belief.run import executors, runner
 from mppi_belief.run.local import Lanes
 from mppi_belief.run.task import Order, Task

@@ -11,7 +11,7 @@ import mppi_belief as mb
 import user_parts
 from cli_helpers import PLANNER, SMALL, compose
 from experiment_helpers import compiled_quickly
-from mppi_belief.config.settings import ConfigError
+from mppi_belief.errors import ConfigError
 from mppi_belief.trial import KEPT_PATHS, build, check, failed_row, run_trials, time_steps, trials
 from user_parts import SPOILABLE
 

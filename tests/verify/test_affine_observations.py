@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from helpers import float64, quick_jit, random_spd
-from mppi_belief.matching.affine import gaussian_nodes, outside_mean_tangent
+from mppi_belief.matching.affine import outside_mean_tangent
+from mppi_belief.numerics.quadrature import gaussian_nodes
 from mppi_belief.verify.certificates import affine_observations as certificate
 
 

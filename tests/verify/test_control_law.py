@@ -10,7 +10,7 @@ import pytest
 import mppi_belief as mb
 from helpers import SIGMAS, float64, quick_jit
 from mppi_belief.belief.cost import risk_sensitive
-from mppi_belief.belief.kalman import GainSchedule
+from mppi_belief.belief.schedule import GainSchedule
 from mppi_belief.controllers import mppi_belief as planner
 from mppi_belief.planning import path_integral as pi
 from mppi_belief.results.certificate import Certificate, largest_z

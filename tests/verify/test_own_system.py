@@ -12,7 +12,7 @@ import mppi_belief as mb
 from cli_helpers import call
 from experiment_helpers import compiled_quickly
 from helpers import Feedback, Scalar, light_dark_problem
-from mppi_belief.config.settings import ConfigError
+from mppi_belief.errors import ConfigError
 from mppi_belief.results.certificate import Certificate
 from mppi_belief.verify.own_system import what_holds
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import pandas as pd
 
-from ..config.settings import labels
+from ..config.cell import labels
 from ..results.contents import Contents, origin
 from ..results.table import COLUMNS
 from .tables import commit

@@ -14,7 +14,7 @@ from typing import Any
 
 from .. import __version__
 from ..config.compose import RUNTIME_KEYS, collect, parse
-from ..config.settings import ConfigError, plain_line, unknown_key
+from ..errors import ConfigError, plain_line, unknown_key
 from ..run.signals import STOPPING, held
 from . import usage
 from .completion import complete
@@ -118,10 +118,11 @@ def run(args: Sequence[str]) -> int:
 
     first = configs[0]
     variables = environment.prepare(first["platform"])
+    from ..config.cell import Cell
     from ..config.targets import allow
     from ..run import executors
     from ..run.local import WorkersGone
-    from ..run.plan import WHOLE, Cell, Shard
+    from ..run.plan import WHOLE, Shard
     from ..run.runner import run_study
     from ..run.task import Order, Task
     from ..run.worker import Setup
@@ -146,9 +147,9 @@ def run(args: Sequence[str]) -> int:
 
 def report(args: Sequence[str]) -> int:
     """`mppi-belief report`: what the studies' results show, as tables, figures and a page; runs nothing."""
+    from ..config.cell import Cell
     from ..report.build import STUDIES
     from ..report.build import report as write
-    from ..run.plan import Cell
 
     if any(arg in ("-h", "--help") for arg in args):
         print(usage.REPORT.format(studies=" ".join(STUDIES)), end="")

@@ -4,10 +4,10 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from ..config.cell import Cell
 from ..report import figures
 from ..report.cell_results import Found, find
 from ..report.summary import as_text, plain, summarise
-from ..run.plan import Cell
 from ..run.task import Outcome
 
 

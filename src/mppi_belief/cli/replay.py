@@ -10,12 +10,12 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ..config import environment
-from ..config.settings import ConfigError, labels
+from ..config.cell import ALGORITHM_VERSION, IDENTITY, labels
 from ..config.targets import allow, fingerprints
+from ..errors import ConfigError
 from ..results.contents import Contents, belongs, path_of, read_cell, row_of
 from ..results.folder import choose
 from ..results.provenance import provenance
-from ..run.plan import ALGORITHM_VERSION, IDENTITY
 from . import usage
 from .result_words import read
 from .tables import commit

@@ -8,7 +8,7 @@ from typing import NamedTuple
 from omegaconf import OmegaConf
 
 from ..config.compose import conf_dir
-from ..config.settings import ConfigError, unknown_key
+from ..errors import ConfigError, unknown_key
 from ..results.folder import cells
 
 _ALL = ("--csv", "--force", "--to", "--config-dir", "-cd")

@@ -4,7 +4,7 @@ import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from ..config.settings import ConfigError, unknown_key
+from ..errors import ConfigError, unknown_key
 from ..report.files import write_text
 from ..results.audit import audit, unhashed
 from ..results.compact import compact

@@ -17,8 +17,9 @@ from typing import Any
 
 from omegaconf import OmegaConf
 
+from ..errors import ConfigError, unknown_key
 from .hydra_errors import one_line
-from .settings import ConfigError, Settings, batch_size, unknown_key
+from .settings import Settings, batch_size
 from .settings import check as check_settings
 from .sweep import jobs
 from .targets import fingerprints

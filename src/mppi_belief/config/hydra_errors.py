@@ -9,7 +9,8 @@ from typing import Any
 
 from omegaconf import OmegaConf
 
-from .settings import ConfigError, Settings, unknown_key
+from ..errors import ConfigError, unknown_key
+from .settings import Settings
 
 
 def one_line(error: BaseException, conf: Path) -> str:

@@ -3,33 +3,18 @@
 Uses OmegaConf's structured configs but no JAX, so that a wrong key is told before anything is loaded.
 """
 
-import itertools
 import math
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, fields
-from difflib import get_close_matches
 from typing import Any
 
 from omegaconf import MISSING
+
+from ..errors import ConfigError, unknown_key
 
 DEFAULT_BATCH = {"cpu": 1, "gpu": 200}  # a GPU takes the 200 trials of Sec. VII at once
 
 
 MOST = 10**300  # of a whole number; more is no float
-LONGEST_LINE = 600  # characters that are still read
-
-
-class ConfigError(Exception):
-    """A person's input is wrong; the message is one line that says what and where."""
-
-    def __init__(self, message: str) -> None:
-        super().__init__(plain_line(message))
-
-
-def plain_line(text: str) -> str:
-    """The text as one line that any terminal can print: what is not printable is escaped, what is endless is cut."""
-    shown = "".join(sign if sign.isprintable() else sign.encode("unicode_escape").decode() for sign in text)
-    return shown if len(shown) <= LONGEST_LINE else f"{shown[: LONGEST_LINE - 4]} ..."
 
 
 def _ranged(low: float, high: float = math.inf) -> Any:
@@ -78,31 +63,6 @@ def batch_size(config: dict[str, Any]) -> int | None:
     return config["batch"] if config["batch"] is not None else DEFAULT_BATCH.get(config["platform"])
 
 
-def batches(trials: Sequence[int], size: int) -> Iterator[tuple[int, ...]]:
-    """Trials in ascending order as batches: those of one have the same trial // size, so that each trial has its
-    batch and its place in it whichever others are missing."""
-    for _, together in itertools.groupby(trials, lambda trial: trial // size):
-        yield tuple(together)
-
-
-def labels(config: dict[str, Any]) -> dict[str, Any]:
-    """What tells a cell from others, for rows, tables and titles: method, theta, w_obs, seed, all that was swept."""
-    nothing = float("nan")
-    found = {
-        "controller": config["names"]["controller"],
-        "theta": config["controller"].get("theta", nothing),
-        "w_obs": config["cost"].get("w_obs", nothing),
-        "seed": config["seed"],
-    }
-    return found | {name: value for name, value in config["swept"].items() if name not in found}
-
-
-def unknown_key(key: str, known: Sequence[str], what: str = "key", see: str = "mppi-belief run --help") -> str:
-    """One line about a misspelt key, or another name, with the nearest known one."""
-    near = get_close_matches(key, known, n=1)
-    return f"unknown {what} '{key}'" + (f"; did you mean '{near[0]}'?" if near else f"; see {see}")
-
-
 def check(config: dict[str, Any]) -> None:
     """Raise `ConfigError` for an unknown key, a number out of range, and any number anywhere that is not finite."""
     known = [setting.name for setting in fields(Settings)]
@@ -146,12 +106,3 @@ def _check_values(node: Any, path: str) -> None:
         raise ConfigError(f"{path}={node}: must be finite")
     elif not isinstance(node, bool | int | float | str | None):
         raise ConfigError(f"{path}={node!r}: must be a number, a word, a list or a mapping")
-
-
-def canonical(node: Any) -> Any:
-    """A configuration as it is compared: a float that is a whole number is that number, so that 0.0 is 0."""
-    if isinstance(node, dict):
-        return {key: canonical(value) for key, value in node.items()}
-    if isinstance(node, list):
-        return [canonical(value) for value in node]
-    return int(node) if isinstance(node, float) and node.is_integer() else node

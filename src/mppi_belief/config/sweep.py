@@ -13,7 +13,7 @@ from typing import Any
 
 from omegaconf import OmegaConf
 
-from .settings import ConfigError
+from ..errors import ConfigError
 from .yaml_files import read_yaml
 
 MOST_JOBS = 10_000  # of a sweep

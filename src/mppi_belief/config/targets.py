@@ -12,7 +12,7 @@ from importlib.machinery import ModuleSpec, PathFinder
 from pathlib import Path
 from typing import Any
 
-from .settings import ConfigError
+from ..errors import ConfigError
 
 PACKAGE = __name__.partition(".")[0]
 RULE = f"must name a class of {PACKAGE} or of a module in a --config-dir folder"

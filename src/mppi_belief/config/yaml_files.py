@@ -11,7 +11,7 @@ from typing import Any
 import yaml
 from omegaconf import OmegaConf
 
-from .settings import ConfigError
+from ..errors import ConfigError
 
 MOST_BYTES, MOST_VALUES, DEEPEST = 100_000, 10_000, 50  # of a file; ours have 2000, 100 and 5
 

@@ -13,7 +13,8 @@ from jax import Array
 
 from ..belief.cost import expected_terminal, risk_sensitive
 from ..belief.gaussian import RootBelief, covariance, rooted
-from ..belief.kalman import filter_step, gain_schedule
+from ..belief.kalman import filter_step
+from ..belief.schedule import gain_schedule
 from ..numerics.scalarized import componentwise
 from ..planning import path_integral as pi
 from ..problem import Belief, Problem

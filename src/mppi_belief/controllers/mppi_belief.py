@@ -21,7 +21,7 @@ from ..belief.cost import (
     risk_sensitive,
 )
 from ..belief.gaussian import MixtureBelief, RootBelief, mixture_cov
-from ..belief.kalman import GainSchedule, diffusion_factors, gain_schedule
+from ..belief.schedule import GainSchedule, diffusion_factors, gain_schedule
 from ..planning import ilqr
 from ..planning import path_integral as pi
 from ..planning import samplers as proposals
@@ -48,7 +48,7 @@ class MPPIBelief:
     expectation   "exact" or "at_mean": how the obstacle penalty is expected, see `mppi_belief.belief.cost`
     charge        the end of a step at which q is charged, see `mppi_belief.planning.path_integral.path_costs`
     sees_state    an oracle: told the true state instead of the belief
-    schedule      how the covariance is planned, see `mppi_belief.belief.kalman.gain_schedule`
+    schedule      how the covariance is planned, see `mppi_belief.belief.schedule.gain_schedule`
     plan_from     of a mixture: all its "components", or one Gaussian of its "moments"; with `evaluate: mean` or the
                   innovation diffusion always the moments
     proposal      where paths are sampled: about the "nominal", or by the "laplace" policy of `planning.samplers`,

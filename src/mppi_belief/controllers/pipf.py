@@ -20,7 +20,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from ..belief.cost import certainty_equivalent
-from ..filters.particle import ParticleBelief
+from ..belief.particles import ParticleBelief
 from ..planning import path_integral as pi
 from ..problem import Problem
 from ..structs import choice, number, size, struct

@@ -9,27 +9,17 @@ weights 50 particles lose the light-dark vehicle in some trials out of a hundred
 Systematic resampling (Kitagawa 1996) where the effective sample size falls below a part of the particles.
 """
 
-from typing import NamedTuple
-
 import jax
 import jax.numpy as jnp
 from jax import Array
 
 from ..belief.gaussian import drawn_mode
+from ..belief.particles import ParticleBelief, summarised
 from ..discretise import euler_step, measurement_cov, measurement_difference
-from ..numerics.linalg import log_det_spd, psd_factor, quadratic_form, spd_inverse, symmetrise
+from ..numerics.linalg import log_det_spd, psd_factor, quadratic_form, spd_inverse
 from ..numerics.normals import standard_normal
 from ..problem import Problem
 from ..structs import choice, number, size, struct
-
-
-class ParticleBelief(NamedTuple):
-    """Particles (nx, K) with normalised log-weights (K,), and their mean (nx,) and covariance (nx, nx)."""
-
-    mean: Array
-    cov: Array
-    particles: Array
-    log_weights: Array
 
 
 @struct
@@ -76,17 +66,6 @@ def log_likelihood(problem: Problem, x: Array, at: Array, y: Array) -> Array:
     R_s = measurement_cov(problem.system, at, problem.dt)
     off = measurement_difference(problem.system, y, problem.system.c(x))
     return -0.5 * (quadratic_form(spd_inverse(R_s), off) + log_det_spd(R_s))
-
-
-def summarised(particles: Array, log_weights: Array) -> ParticleBelief:
-    """The belief with its weights normalised; equal weights where none is finite."""
-    usable = jnp.isfinite(log_weights)
-    log_weights = jnp.where(usable.any(), jnp.where(usable, log_weights, -jnp.inf), 0.0)
-    log_weights = jax.nn.log_softmax(log_weights)
-    w = jnp.exp(log_weights)
-    mean = particles @ w
-    offsets = particles - mean[:, None]
-    return ParticleBelief(mean, symmetrise((offsets * w) @ offsets.T), particles, log_weights)
 
 
 def systematic(log_weights: Array, key: Array) -> Array:

@@ -21,9 +21,8 @@ import numpy as np
 from jax import Array
 
 from ..belief.gaussian import RootBelief, covariance, rooted
-from ..belief.kalman import absorb
 from ..discretise import euler_step, measurement_cov, measurement_difference
-from ..numerics.linalg import triangular_root
+from ..numerics.linalg import absorb, triangular_root
 from ..numerics.quadrature import rule
 from ..problem import Belief, Problem
 from ..structs import struct

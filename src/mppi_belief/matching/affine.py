@@ -11,33 +11,13 @@ which is zero for all mu if and only if c is affine. The minimum is at A = E[dc/
 """
 
 from collections.abc import Callable
-from functools import cache
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
-from scipy.stats import qmc
 
-MOST_NODES, MOST_PER_AXIS, TENSOR_UP_TO = 100_000, 64, 6
-SOBOL = 2**14
-
-
-@cache
-def gaussian_nodes(nx: int, per_axis: int | None = None) -> tuple[np.ndarray, np.ndarray]:
-    """Points (P, nx) and weights (P,), which sum to 1, for N(0, I).
-
-    The tensor product of the Gauss-Hermite rule with `per_axis` points, by default as many as keep P within 1e5
-    but at most 64; without `per_axis` and for nx > 6, a scrambled Sobol sequence with equal weights, always the same.
-    """
-    if per_axis is None and nx > TENSOR_UP_TO:
-        points = qmc.MultivariateNormalQMC(np.zeros(nx), inv_transform=True, seed=0).random(SOBOL)
-        return points, np.full(SOBOL, 1 / SOBOL)
-    per_axis = per_axis or min(MOST_PER_AXIS, int(MOST_NODES ** (1 / nx)))
-    abscissae, line = np.polynomial.hermite_e.hermegauss(per_axis)
-    points = np.stack(np.meshgrid(*[abscissae] * nx, indexing="ij"), axis=-1).reshape(-1, nx)
-    weights = np.stack(np.meshgrid(*[line / line.sum()] * nx, indexing="ij"), axis=-1).prod(axis=-1).ravel()
-    return points, weights
+from ..numerics.quadrature import gaussian_nodes
 
 
 def outside_mean_tangent(

@@ -175,3 +175,26 @@ def quadratic_form(M: Array, x: Vector) -> Array:
         return dot(M, [a * a for a in x])
     halves = [M[i, i] * x[i] + sum(2 * M[i, j] * x[j] for j in range(i)) for i in range(len(x))]
     return dot(halves, x)
+
+
+def absorb(root: Array, C: Array, R_s: Array) -> tuple[Array, Array, Array]:
+    """What measurements C x (ny,) with noise R_s make of a covariance root root': its new root, the gain
+    K (nx, ny), and how the innovations move the mean, columns (nx, ny) with squares that add up to K S K'.
+
+    One measurement after another, made independent first, with no matrix to invert (Potter 1963): with v = root' c and
+    s = v'v + r the gain is root v / s, and the root shrinks by sqrt(r / s) along v.
+    """
+    C, variances = decorrelated(C, R_s)
+    T, _ = decorrelated(jnp.eye(len(R_s), dtype=R_s.dtype), R_s)
+    K, moves = jnp.zeros((len(root), 0), root.dtype), []
+    for c, r in zip(C, variances, strict=True):
+        v = c @ root
+        squared = v @ v
+        s = squared + r
+        v = v / jnp.where(squared == 0, 1.0, jnp.sqrt(squared))
+        seen = root @ v
+        root = root + ((jnp.sqrt(r / s) - 1) * seen)[:, None] * v
+        k = seen * (jnp.sqrt(squared) / s)
+        K = jnp.column_stack([K - k[:, None] * (c @ K), k])
+        moves.append(k * jnp.sqrt(s))
+    return root, K @ T, jnp.stack(moves, axis=1)

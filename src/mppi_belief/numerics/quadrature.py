@@ -6,12 +6,14 @@ polynomials of degree 5, hence for the mean *and the variance* of any quadratic,
 """
 
 from collections.abc import Callable
+from functools import cache
 from itertools import combinations
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
+from scipy.stats import qmc
 
 from .linalg import psd_factor
 
@@ -42,3 +44,26 @@ def expectation(fn: Callable[[Array], Array], mean: Array, cov: Array) -> Array:
     """E[fn(x)] () for scalar `fn`."""
     values, weights = evaluate(fn, mean, cov)
     return jnp.sum(weights * values)
+
+
+MOST_NODES, MOST_PER_AXIS, TENSOR_UP_TO = 100_000, 64, 6
+
+
+SOBOL = 2**14
+
+
+@cache
+def gaussian_nodes(nx: int, per_axis: int | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """Points (P, nx) and weights (P,), which sum to 1, for N(0, I).
+
+    The tensor product of the Gauss-Hermite rule with `per_axis` points, by default as many as keep P within 1e5
+    but at most 64; without `per_axis` and for nx > 6, a scrambled Sobol sequence with equal weights, always the same.
+    """
+    if per_axis is None and nx > TENSOR_UP_TO:
+        points = qmc.MultivariateNormalQMC(np.zeros(nx), inv_transform=True, seed=0).random(SOBOL)
+        return points, np.full(SOBOL, 1 / SOBOL)
+    per_axis = per_axis or min(MOST_PER_AXIS, int(MOST_NODES ** (1 / nx)))
+    abscissae, line = np.polynomial.hermite_e.hermegauss(per_axis)
+    points = np.stack(np.meshgrid(*[abscissae] * nx, indexing="ij"), axis=-1).reshape(-1, nx)
+    weights = np.stack(np.meshgrid(*[line / line.sum()] * nx, indexing="ij"), axis=-1).prod(axis=-1).ravel()
+    return points, weights

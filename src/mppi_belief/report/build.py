@@ -4,9 +4,9 @@ import shlex
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from ..config.cell import Cell
 from ..results.certificate import NAMES
 from ..results.certificate_files import Stored, load
-from ..run.plan import Cell
 from .cell_results import Found, find
 from .comparison import table_1
 from .files import write_text

@@ -7,10 +7,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from ..config.settings import labels
+from ..config.cell import Cell, labels
 from ..results import table as results
 from ..results.files import read_json
-from ..run.plan import Cell
 from .summary import plain
 
 NAMES = {

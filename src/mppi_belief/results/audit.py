@@ -9,10 +9,9 @@ from typing import Any
 
 import pandas as pd
 
-from ..config.settings import labels
-from ..run.task import FINAL
+from ..config.cell import labels
 from .contents import Contents, belongs, superseded
-from .table import COLUMNS, Stored, in_words, ranges
+from .table import COLUMNS, FINAL, Stored, in_words, ranges
 
 
 def audit(contents: Contents) -> list[str]:

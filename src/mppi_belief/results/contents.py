@@ -13,8 +13,7 @@ from typing import Any, NamedTuple
 import pandas as pd
 import pyarrow.compute as pc
 
-from ..config.settings import labels
-from ..run.plan import ALGORITHM_VERSION, IDENTITY, Cell
+from ..config.cell import ALGORITHM_VERSION, IDENTITY, Cell, labels
 from .files import read_json
 from .table import Stored, each_once, ranges, read_parts, read_steps
 

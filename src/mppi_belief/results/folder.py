@@ -7,7 +7,7 @@ from collections.abc import Collection, Iterator, Sequence
 from difflib import get_close_matches
 from pathlib import Path
 
-from ..config.settings import ConfigError
+from ..errors import ConfigError
 from .files import TEMPORARY
 
 _ID = re.compile(r".+-[0-9a-f]{12}")

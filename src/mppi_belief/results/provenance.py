@@ -1,15 +1,16 @@
 """Where a number comes from: command, commit, versions, machine."""
 
+import functools
 import platform
+import socket
 import subprocess
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from ..config.cell import ALGORITHM_VERSION
 from ..config.environment import threads
-from ..run.plan import ALGORITHM_VERSION
-from ..run.worker import where
 
 _PACKAGES = ("mppi-belief", "jax", "jaxlib", "numpy", "scipy", "pandas", "pyarrow", "hydra-core", "omegaconf")
 
@@ -41,3 +42,19 @@ def _commit(root: Path) -> dict[str, Any]:
 def _git(root: Path, *args: str) -> str:
     done = subprocess.run(["git", "-C", str(root), *args], capture_output=True, text=True, check=True)
     return done.stdout.strip()
+
+
+@functools.cache
+def where() -> dict[str, str]:
+    """The host and its processor: the last digits of a number may depend on the latter."""
+    return {"host": socket.gethostname(), "platform": platform.platform(), "processor": processor()}
+
+
+def processor() -> str:
+    """The model name of the processor."""
+    info = Path("/proc/cpuinfo")
+    if info.exists():
+        for line in info.read_text().splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    return platform.processor()

@@ -268,3 +268,6 @@ def result_hash(rows: pd.DataFrame) -> str:
     """A hash of everything in the rows: equal if and only if the results are, bit for bit."""
     ordered = rows.sort_values("trial")[[*_TYPES]]
     return hashlib.sha256(ordered.to_csv(index=False, float_format="%.17g", na_rep="none").encode()).hexdigest()[:16]
+
+
+FINAL = ("ok", "diverged")  # how a trial ends by itself: the same configuration ends it the same

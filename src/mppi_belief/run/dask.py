@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary
 
-from ..config.settings import ConfigError
+from ..errors import ConfigError
 from .local import WorkerDied, WorkersGone
 from .log import note
 from .worker import Setup, enter

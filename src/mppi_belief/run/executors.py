@@ -16,7 +16,7 @@ from typing import Any
 from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from ..config.settings import ConfigError, unknown_key
+from ..errors import ConfigError, unknown_key
 from .dask import Cluster, Site, close_cluster
 from .local import Lanes, WorkersGone
 from .pool import Workers

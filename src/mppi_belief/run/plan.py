@@ -2,35 +2,16 @@
 
 from __future__ import annotations
 
-import hashlib
 import itertools
-import json
 import math
 import re
 from collections.abc import Collection
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-from ..config.settings import ConfigError, batches, canonical
+from ..config.cell import Cell, batches
+from ..errors import ConfigError
 
-ALGORITHM_VERSION = 3  # raise when the same configuration would give other numbers
-IDENTITY = (
-    *("system", "cost", "problem", "filter", "controller", "code"),  # what it is built from
-    *("names", "seed", "precision", "platform", "batch"),
-)
 SMALLEST_CHUNK = 10
-
-
-class Cell(NamedTuple):
-    """One setting of everything, to be run for many trials; see `mppi_belief.trial` for the config."""
-
-    config: dict[str, Any]
-
-    @property
-    def id(self) -> str:
-        """Controller and hash: what makes two cells the same, whoever runs them, with how many trials or workers."""
-        identity = canonical({key: self.config[key] for key in IDENTITY} | {"algorithm": ALGORITHM_VERSION})
-        text = json.dumps(identity, sort_keys=True, separators=(",", ":"), allow_nan=False)
-        return f"{self.config['names']['controller']}-{hashlib.sha256(text.encode()).hexdigest()[:12]}"
 
 
 class Chunk(NamedTuple):

@@ -13,9 +13,10 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from typing import Any, NamedTuple, Protocol
 
-from ..config.settings import ConfigError, batches
+from ..config.cell import Cell, batches
+from ..errors import ConfigError
 from .local import WorkerDied, WorkersGone
-from .plan import Cell, Chunk
+from .plan import Chunk
 from .signals import StoppedAtOnce
 from .worker import Lost, Overtime, Report, run_chunk, within
 

@@ -7,16 +7,18 @@ from typing import Any
 import pandas as pd
 from tqdm import tqdm
 
-from ..config.settings import ConfigError
+from ..config.cell import Cell
+from ..errors import ConfigError
 from ..results import files
 from ..results import table as results
 from ..results.provenance import provenance
+from ..results.table import FINAL
 from .local import WorkerDied
 from .log import note, say
-from .plan import Cell, Chunk, chunks
+from .plan import Chunk, chunks
 from .pool import Pool, Workers
 from .signals import StoppedAtOnce, polite_stop
-from .task import FINAL, Order, Outcome, Task
+from .task import Order, Outcome, Task
 from .writer import Ledger
 
 

@@ -11,7 +11,7 @@ import time
 from collections.abc import Collection
 from typing import Any
 
-from ..config.settings import ConfigError
+from ..errors import ConfigError
 from .local import STARTS, WorkersGone
 
 SOONEST, LATEST = 1.0, 30.0  # s between two looks at the queue

@@ -5,8 +5,6 @@ from typing import Any, NamedTuple
 
 from .plan import WHOLE, Shard
 
-FINAL = ("ok", "diverged")  # how a trial ends by itself: the same configuration ends it the same
-
 
 class Task(NamedTuple):
     """What a study runs, as functions a worker can import.

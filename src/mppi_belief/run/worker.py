@@ -3,20 +3,18 @@
 Only plain data goes back: an exception that cannot be pickled, or not unpickled, would pass for the worker's death.
 """
 
-import functools
 import multiprocessing
 import os
-import platform
 import signal
-import socket
 import threading
 import time
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import Any, NamedTuple
 
-from ..config.settings import ConfigError, batches
+from ..config.cell import batches
 from ..config.targets import allow
+from ..errors import ConfigError
+from ..results.provenance import where
 from .signals import STOPPING
 
 
@@ -126,19 +124,3 @@ def within(seconds: float | None, function: Callable[..., Any], *args: Any) -> A
     if error is not None:
         raise error
     return result
-
-
-@functools.cache
-def where() -> dict[str, str]:
-    """The host and its processor: the last digits of a number may depend on the latter."""
-    return {"host": socket.gethostname(), "platform": platform.platform(), "processor": processor()}
-
-
-def processor() -> str:
-    """The model name of the processor."""
-    info = Path("/proc/cpuinfo")
-    if info.exists():
-        for line in info.read_text().splitlines():
-            if line.startswith("model name"):
-                return line.partition(":")[2].strip()
-    return platform.processor()

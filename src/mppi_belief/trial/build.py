@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from ..config.settings import ConfigError, unknown_key
 from ..config.targets import locate
+from ..errors import ConfigError, unknown_key
 from ..problem import Controller, Filter, Problem
 from ..simulate import simulate_trial
 from ..structs import is_struct

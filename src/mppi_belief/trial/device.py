@@ -8,7 +8,7 @@ from typing import Any
 
 import jax
 
-from ..config.settings import ConfigError
+from ..errors import ConfigError
 
 
 def device(config: dict[str, Any]) -> str:

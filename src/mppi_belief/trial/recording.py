@@ -14,10 +14,12 @@ import numpy as np
 from jax import Array
 
 from ..belief.gaussian import covariance, prior
-from ..belief.kalman import GainSchedule, gain_schedule, predict
+from ..belief.kalman import predict
+from ..belief.schedule import GainSchedule, gain_schedule
 from ..discretise import measurement_difference, measurement_factor
-from ..matching.affine import gaussian_nodes, outside_mean_tangent
+from ..matching.affine import outside_mean_tangent
 from ..matching.weights import best_weight, matched_weight, residual
+from ..numerics.quadrature import gaussian_nodes
 from ..problem import Belief, Controller, Filter, Problem
 from ..simulate import Trial, closed_loop
 from .build import build

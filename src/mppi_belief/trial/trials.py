@@ -15,9 +15,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..config.settings import ConfigError, batches, labels
+from ..config.cell import batches, labels
+from ..errors import ConfigError
 from ..problem import Controller, Filter, Problem
-from ..simulate import Consistency, Metrics, Trial, consistency, metrics, simulate_trial
+from ..simulate import Trial, simulate_trial
+from ..trial_metrics import Consistency, Metrics, consistency, metrics
 from .build import Experiment, build
 from .device import computing
 from .scene import describe_scene

@@ -14,8 +14,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from ..config.settings import ConfigError
 from ..discretise import measurement_cov, measurement_factor
+from ..errors import ConfigError
 from ..problem import Problem
 
 CONVENTIONS = ("sample", "intensity")

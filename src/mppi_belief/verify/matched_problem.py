@@ -18,7 +18,7 @@ import numpy as np
 from jax import Array
 
 from ..belief.cost import expected_terminal, risk_sensitive
-from ..belief.kalman import diffusion_factors, gain_schedule
+from ..belief.schedule import diffusion_factors, gain_schedule
 from ..controllers import MPPIBelief
 from ..costs import GoalObstacleCost
 from ..matching.weights import matched_weight, residual

@@ -13,11 +13,12 @@ import numpy as np
 from jax import Array
 
 from ..belief.gaussian import prior
-from ..belief.kalman import GainSchedule, gain_schedule
-from ..config.settings import ConfigError
-from ..matching.affine import gaussian_nodes, outside_mean_tangent
+from ..belief.schedule import GainSchedule, gain_schedule
+from ..errors import ConfigError
+from ..matching.affine import outside_mean_tangent
 from ..matching.weights import best_constant_weight, best_weight, matched_weight, numerical_rank, residual
 from ..numerics.linalg import psd_factor
+from ..numerics.quadrature import gaussian_nodes
 from ..problem import Controller, Filter, Problem
 from ..results.certificate import EPSILON, Certificate, Check, at_most, near, rounding
 from ..simulate import simulate_trial

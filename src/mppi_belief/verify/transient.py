@@ -17,7 +17,7 @@ import numpy as np
 from jax import Array
 from scipy.linalg import expm
 
-from ..belief.kalman import diffusion_factors, gain_schedule
+from ..belief.schedule import diffusion_factors, gain_schedule
 from ..controllers import MPPIBelief
 from ..costs import GoalObstacleCost
 from ..obstacles import Obstacles

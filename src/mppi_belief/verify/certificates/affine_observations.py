@@ -22,7 +22,8 @@ from jax import Array
 from ...belief.kalman import correct
 from ...costs import GoalObstacleCost
 from ...discretise import measurement_cov
-from ...matching.affine import gaussian_nodes, outside_mean_tangent
+from ...matching.affine import outside_mean_tangent
+from ...numerics.quadrature import gaussian_nodes
 from ...obstacles import Obstacles
 from ...problem import Belief, Problem, System
 from ...results.certificate import EPSILON, Certificate, Check, Line, Panel, at_least, rounding

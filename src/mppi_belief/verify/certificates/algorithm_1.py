@@ -25,7 +25,7 @@ from jax import Array
 from scipy.linalg import solve_discrete_are
 
 from ...belief.gaussian import prior
-from ...belief.kalman import gain_schedule
+from ...belief.schedule import gain_schedule
 from ...controllers import LQG, MPPIBelief
 from ...costs import GoalObstacleCost
 from ...filters import EKF
@@ -43,8 +43,9 @@ from ...results.certificate import (
     rounding,
     within_errors,
 )
-from ...simulate import metrics, simulate_trial
+from ...simulate import simulate_trial
 from ...systems import ScalarLinear
+from ...trial_metrics import metrics
 
 DRIFT, CONTROL_GAIN, STATE_WEIGHT, TEMPERATURE = 0.0, 1.0, 2.0, 1.0  # a, b, q, lambda
 NOISE = 0.5  # sigma_w and sigma_o

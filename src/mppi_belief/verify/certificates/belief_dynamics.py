@@ -15,7 +15,8 @@ import numpy as np
 from jax import Array
 
 from ...belief.gaussian import prior
-from ...belief.kalman import gain_schedule, kalman_bucy
+from ...belief.riccati import kalman_bucy
+from ...belief.schedule import gain_schedule
 from ...filters import EKF, ParticleFilter
 from ...problem import Problem
 from ...results.certificate import (

@@ -22,7 +22,8 @@ from jax import Array
 from scipy.linalg import expm
 
 from ...belief.gaussian import prior
-from ...belief.kalman import GainSchedule, gain_schedule, kalman_bucy
+from ...belief.riccati import kalman_bucy
+from ...belief.schedule import GainSchedule, gain_schedule
 from ...costs import GoalObstacleCost
 from ...matching.sensor import matching_sensor
 from ...matching.weights import matched_weight, residual

@@ -22,7 +22,9 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm, solve_continuous_are, solve_discrete_are
 
 from ...belief.gaussian import prior
-from ...belief.kalman import GainSchedule, gain_schedule, kalman_bucy, predict, riccati_rate
+from ...belief.kalman import predict
+from ...belief.riccati import kalman_bucy, riccati_rate
+from ...belief.schedule import GainSchedule, gain_schedule
 from ...controllers import LQG
 from ...costs import GoalObstacleCost
 from ...filters import EKF

@@ -19,7 +19,7 @@ from scipy.interpolate import RectBivariateSpline
 
 from ...belief.cost import expected_terminal, risk_sensitive
 from ...belief.gaussian import RootBelief
-from ...belief.kalman import gain_schedule
+from ...belief.schedule import gain_schedule
 from ...controllers import JointBelief
 from ...costs import GoalObstacleCost
 from ...obstacles import Obstacles

@@ -23,7 +23,7 @@ from scipy.linalg import solve_continuous_are
 from scipy.optimize import brentq
 
 from ...belief.gaussian import prior
-from ...belief.kalman import gain_schedule
+from ...belief.schedule import gain_schedule
 from ...costs import GoalObstacleCost
 from ...matching.weights import ConstantWeight, best_constant_weight, best_weight, residual
 from ...obstacles import Obstacles

@@ -1,0 +1,64 @@
+"""Gain schedule (Assumption 1): what is known of the belief in advance along a nominal trajectory."""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+
+from ..discretise import euler_step, measurement_intensity
+from ..numerics.linalg import psd_factor
+from ..problem import Belief, Problem
+from .gaussian import RootBelief, covariance, rooted
+from .kalman import aimed, filter_step
+from .riccati import kalman_bucy, riccati_root
+
+
+class GainSchedule(NamedTuple):
+    """Assumption 1: what is known of the belief in advance along a nominal trajectory.
+
+    `mean` (T+1, nx) and `cov` (T+1, nx, nx) at t_0..t_T; `gain` (T, nx, ny) and `diffusion`
+    (T, nx, nx) for the steps between them.
+    """
+
+    mean: Array
+    cov: Array
+    gain: Array
+    diffusion: Array
+
+
+def gain_schedule(
+    problem: Problem, belief: Belief | RootBelief, controls: Array, method: str = "filter", means: Array | None = None
+) -> GainSchedule:
+    """The schedule along the mean that `controls` (T, nu) lead to from `belief`, or along given `means` (T, nx) of
+    t_1..t_T.
+
+    "filter" runs the discrete recursion that the filter itself runs (D = K S K' / dt); "riccati"
+    solves (11) with coefficients frozen over each step (K and D of the continuous theory, at t_k).
+    """
+    step = {"filter": filter_step, "riccati": _riccati_schedule_step}[method]
+
+    def advance(at: tuple[Array, Array], given: tuple[Array, Array | None]) -> tuple[tuple[Array, Array], tuple]:
+        u, replaced = given
+        mean, root, gain, diffusion = step(problem, *at, u)
+        mean = mean if replaced is None else replaced
+        return (mean, root), (mean, covariance(root), gain, diffusion)
+
+    start = belief.mean, rooted(belief)
+    _, (mean, cov, gain, diffusion) = jax.lax.scan(advance, start, (controls, means))
+    mean, cov = jnp.concatenate([belief.mean[None], mean]), jnp.concatenate([belief.cov[None], cov])
+    return GainSchedule(mean, cov, gain, diffusion)
+
+
+def _riccati_schedule_step(problem: Problem, mean: Array, root: Array, u: Array) -> tuple[Array, Array, Array, Array]:
+    system, dt = aimed(problem, mean, root, sampled=False).system, problem.dt
+    A = jax.jacfwd(lambda x: system.f(x) + system.G(x) @ u)(mean)
+    C = jax.jacfwd(system.c)(mean)
+    R_o = measurement_intensity(system, mean, dt)
+    K, D = kalman_bucy(covariance(root), C, R_o)
+    return euler_step(system, mean, u, dt), riccati_root(root, A, system.H @ system.H.T, C, R_o, dt), K, D
+
+
+def diffusion_factors(schedule: GainSchedule) -> tuple[Array, Array]:
+    """L_k (T, nx, nx) with L_k L_k' = D_k, zero beyond the rank r_k, and r_k (T,)."""
+    return jax.vmap(psd_factor)(schedule.diffusion)
