@@ -48,19 +48,43 @@ ROWS = (
     Row("MPPI-Belief", "step", (BELIEF,), "MPPI-Belief"),
     Row("a covariance a path", "step", ("controller=belief_joint",), "MPPI-Belief"),
     Row("Laplace proposal", "step", (BELIEF, GUIDED), "MPPI-Belief"),
-    Row("Laplace proposal, N = 50", "step", (BELIEF, GUIDED, "planner.n_samples=50"), "MPPI-Belief"),
+    Row(
+        "Laplace proposal, N = 50", "step", (BELIEF, GUIDED, "planner.n_samples=50"), "MPPI-Belief"
+    ),
     Row("two lanes, one Gaussian", "step", ("system=two_lanes", BELIEF), "two lanes, one Gaussian"),
-    Row("two lanes, mixture", "step", ("system=two_lanes", "filter=mixture", BELIEF), "two lanes, one Gaussian"),
-    Row("sensor fixed", "step", ("system=steered", BELIEF, "system.selector=fixed"), "sensor fixed"),
-    Row("sensor chosen", "step", ("system=steered", BELIEF, "system.selector=matched"), "sensor fixed"),
+    Row(
+        "two lanes, mixture",
+        "step",
+        ("system=two_lanes", "filter=mixture", BELIEF),
+        "two lanes, one Gaussian",
+    ),
+    Row(
+        "sensor fixed", "step", ("system=steered", BELIEF, "system.selector=fixed"), "sensor fixed"
+    ),
+    Row(
+        "sensor chosen",
+        "step",
+        ("system=steered", BELIEF, "system.selector=matched"),
+        "sensor fixed",
+    ),
     Row("beacons", "step", ("system=beacons", BELIEF), "beacons"),
     Row("pendulum", "step", ("system=pendulum", BELIEF), "pendulum"),
     Row("EKF, beacons", "update", ("system=beacons",), "EKF, beacons"),
     Row("UKF, beacons", "update", ("system=beacons", "filter=ukf"), "EKF, beacons"),
     Row("EKF, two lanes", "update", ("system=two_lanes",), "EKF, two lanes"),
     Row("mixture, two lanes", "update", ("system=two_lanes", "filter=mixture"), "EKF, two lanes"),
-    Row("EKF, sensor fixed", "update", ("system=steered", "system.selector=fixed"), "EKF, sensor fixed"),
-    Row("EKF, sensor chosen", "update", ("system=steered", "system.selector=matched"), "EKF, sensor fixed"),
+    Row(
+        "EKF, sensor fixed",
+        "update",
+        ("system=steered", "system.selector=fixed"),
+        "EKF, sensor fixed",
+    ),
+    Row(
+        "EKF, sensor chosen",
+        "update",
+        ("system=steered", "system.selector=matched"),
+        "EKF, sensor fixed",
+    ),
 )
 
 
@@ -72,10 +96,16 @@ def main(argv: list[str] | None = None) -> None:
     options = parser.parse_args(argv)
     os.sched_setaffinity(0, {one_cpu()})
     report = {
-        **{key: value for key, value in provenance(sys.argv).items() if key not in ("threads", "algorithm")},
+        **{
+            key: value
+            for key, value in provenance(sys.argv).items()
+            if key not in ("threads", "algorithm")
+        },
         "load": os.getloadavg(),
         "rounds": options.rounds,
-        "milliseconds": {name: 1e3 * median(seconds) for name, seconds in measure(options.rounds).items()},
+        "milliseconds": {
+            name: 1e3 * median(seconds) for name, seconds in measure(options.rounds).items()
+        },
     }
     folder = ROOT / "outputs" / "bench"
     folder.mkdir(parents=True, exist_ok=True)
@@ -107,10 +137,18 @@ def subject(row: Row) -> Callable[[int], None]:
     """The call for step k of a trial that has been run, waited for; compiled."""
     (config,) = collect([*row.overrides, f"problem.steps={STEPS}"])
     parts = build(config)
-    act = jax.jit(lambda parts, belief, plan, key: _told(*parts.controller.act(parts.problem, belief, plan, key)))
-    update = jax.jit(lambda parts, belief, u, y, key: parts.filter.update(parts.problem, belief, u, y, key))
+    act = jax.jit(
+        lambda parts, belief, plan, key: _told(
+            *parts.controller.act(parts.problem, belief, plan, key)
+        )
+    )
+    update = jax.jit(
+        lambda parts, belief, u, y, key: parts.filter.update(parts.problem, belief, u, y, key)
+    )
     answer = jax.jit(
-        lambda parts, x, belief, u, k: respond(parts.problem, parts.filter, x, belief, u, plant, filtering, k)
+        lambda parts, x, belief, u, k: respond(
+            parts.problem, parts.filter, x, belief, u, plant, filtering, k
+        )
     )
     plant, filtering, planning = (role_key(0, 0, role) for role in (PLANT, FILTER, PLANNER))
     x = draw_state(parts.problem, jax.random.fold_in(plant, BEFORE))
@@ -141,7 +179,11 @@ def markdown(report: dict[str, Any]) -> str:
     took = report["milliseconds"]
     lines = ["| | what | ms | ratio to |", "|---|---|---|---|"]
     for row in ROWS:
-        ratio = f"{took[row.name] / took[row.beside]:.2f} {row.beside}" if row.beside != row.name else ""
+        ratio = (
+            f"{took[row.name] / took[row.beside]:.2f} {row.beside}"
+            if row.beside != row.name
+            else ""
+        )
         lines.append(f"| {row.name} | {row.what} | {took[row.name]:.3f} | {ratio} |")
     load = ", ".join(f"{value:.2f}" for value in report["load"])
     lines += [

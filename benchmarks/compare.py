@@ -31,12 +31,16 @@ def main(argv: list[str] | None = None) -> None:
     """Unpack, measure, print."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("commit", help="any word git takes for a commit")
-    parser.add_argument("names", nargs="*", help="our controllers and floors; the controllers without one")
+    parser.add_argument(
+        "names", nargs="*", help="our controllers and floors; the controllers without one"
+    )
     parser.add_argument("--rounds", type=int, default=10)
     parser.add_argument("--calls", type=int, default=60, help="in each round")
     parser.add_argument("--dtype", action="append", choices=DTYPES, help="float32 without it")
     options = parser.parse_args(argv)
-    chosen = choose(options.names or ["ours"], [one for one in CONTESTANTS if one.environment is None])
+    chosen = choose(
+        options.names or ["ours"], [one for one in CONTESTANTS if one.environment is None]
+    )
     with tempfile.TemporaryDirectory(prefix="mppi-belief-") as folder:
         unpack(options.commit, Path(folder))
         trees = {HERE: ROOT, THERE: Path(folder)}
@@ -50,7 +54,18 @@ def main(argv: list[str] | None = None) -> None:
 def unpack(commit: str, folder: Path) -> None:
     """The files of a commit; ends with one line for a word that is none."""
     archive = folder / "tree.tar"
-    command = ["git", "-C", str(ROOT), "archive", "--output", str(archive), commit, "src", "conf", "pyproject.toml"]
+    command = [
+        "git",
+        "-C",
+        str(ROOT),
+        "archive",
+        "--output",
+        str(archive),
+        commit,
+        "src",
+        "conf",
+        "pyproject.toml",
+    ]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode:
         raise SystemExit(f"{commit}: {done.stderr.strip().splitlines()[-1]}")
@@ -58,9 +73,13 @@ def unpack(commit: str, folder: Path) -> None:
         files.extractall(folder, filter="data")
     code = "import mppi_belief; print(mppi_belief.__file__)"
     env = environment_of(folder)
-    said = subprocess.run([sys.executable, "-c", code], env=env, capture_output=True, text=True, check=True).stdout
+    said = subprocess.run(
+        [sys.executable, "-c", code], env=env, capture_output=True, text=True, check=True
+    ).stdout
     if not Path(said.strip()).resolve().is_relative_to(folder.resolve()):
-        raise SystemExit(f"the package of {commit} is hidden by {said.strip()}: install this checkout with pip -e")
+        raise SystemExit(
+            f"the package of {commit} is hidden by {said.strip()}: install this checkout with pip -e"
+        )
 
 
 def environment_of(tree: Path) -> dict[str, str]:
@@ -77,7 +96,11 @@ def _measure(
             one.module,
             one.name,
             rounds.one_cpu(),
-            ROOT / "outputs" / "bench" / "logs" / f"{one.name}-{dtype}-{tree.replace(' ', '-')}.txt",
+            ROOT
+            / "outputs"
+            / "bench"
+            / "logs"
+            / f"{one.name}-{dtype}-{tree.replace(' ', '-')}.txt",
             environment_of(path),
         )
         for one in chosen
@@ -100,7 +123,9 @@ def line(name: str, dtype: str, here: dict[str, Any], there: dict[str, Any]) -> 
     return f"{label:16}{a:16.3f}{b:16.3f}   {middle:.3f} [{low:.3f}, {high:.3f}]"
 
 
-def ratio_interval(here: list[list[float]], there: list[list[float]], seed: int = 0) -> tuple[float, float, float]:
+def ratio_interval(
+    here: list[list[float]], there: list[list[float]], seed: int = 0
+) -> tuple[float, float, float]:
     """Median of the rounds' ratios of medians, and its 95 % bootstrap interval over rounds."""
     ratios = np.array([np.median(a) / np.median(b) for a, b in zip(here, there, strict=True)])
     drawn = np.random.default_rng(seed).choice(ratios, (RESAMPLES, len(ratios)))

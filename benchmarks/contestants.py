@@ -37,9 +37,19 @@ CONTESTANTS = (
     Contestant("faran_numpy", "peers", "faran (NumPy)", "faran_peer", "faran", DOUBLE),
     Contestant("jax_mppi", "peers", "jax_mppi", "jax_mppi_peer", "jax_mppi"),
     Contestant("pytorch_mppi", "peers", "pytorch_mppi (eager)", "pytorch_mppi_peer", "torch"),
-    Contestant("pytorch_mppi_compiled", "peers", "pytorch_mppi (compile())", "pytorch_mppi_peer", "torch"),
+    Contestant(
+        "pytorch_mppi_compiled", "peers", "pytorch_mppi (compile())", "pytorch_mppi_peer", "torch"
+    ),
     Contestant("torchrl", "peers", "TorchRL MPPIPlanner", "torchrl_peer", "torch"),
-    Contestant("crocoddyl", "peers", "crocoddyl SolverDDP", "crocoddyl_peer", "crocoddyl", DOUBLE, beside="ilqg"),
+    Contestant(
+        "crocoddyl",
+        "peers",
+        "crocoddyl SolverDDP",
+        "crocoddyl_peer",
+        "crocoddyl",
+        DOUBLE,
+        beside="ilqg",
+    ),
 )
 KINDS = {"ours": "Ours", "floors": "Floors", "peers": "Peers"}
 
@@ -51,7 +61,9 @@ def choose(words: Sequence[str], among: Sequence[Contestant] = CONTESTANTS) -> l
     """
     for word in words:
         if not any(word in _names(one) for one in among):
-            raise SystemExit(f"{word}: not one of {', '.join([*KINDS, *(one.name for one in among)])}")
+            raise SystemExit(
+                f"{word}: not one of {', '.join([*KINDS, *(one.name for one in among)])}"
+            )
     return [one for one in among if not words or any(word in _names(one) for word in words)]
 
 

@@ -31,7 +31,11 @@ def main(argv: list[str] | None = None) -> None:
     chosen = choose(options.names)
     pythons, reasons = _interpreters(chosen)
     report = {
-        **{key: value for key, value in provenance(sys.argv).items() if key not in ("threads", "algorithm")},
+        **{
+            key: value
+            for key, value in provenance(sys.argv).items()
+            if key not in ("threads", "algorithm")
+        },
         "load": os.getloadavg(),
         "rounds": options.rounds,
         "calls": options.calls,
@@ -50,10 +54,16 @@ def main(argv: list[str] | None = None) -> None:
 
 def _options(argv: list[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("names", nargs="*", help="contestants, kinds or environments; all without one")
+    parser.add_argument(
+        "names", nargs="*", help="contestants, kinds or environments; all without one"
+    )
     parser.add_argument("--rounds", type=int, default=8)
-    parser.add_argument("--calls", type=int, default=55, help="in each round; with the warm-up just one trial")
-    parser.add_argument("--dtype", action="append", choices=DTYPES, help="float32 or float64; both without it")
+    parser.add_argument(
+        "--calls", type=int, default=55, help="in each round; with the warm-up just one trial"
+    )
+    parser.add_argument(
+        "--dtype", action="append", choices=DTYPES, help="float32 or float64; both without it"
+    )
     parser.add_argument("--docs", action="store_true", help="write docs/benchmarks.md too")
     return parser.parse_args(argv)
 
@@ -93,10 +103,16 @@ def _measure(
         for one in ready
     }
     try:
-        measured = rounds.measure(subjects, report["workload"], dtype, report["rounds"], report["calls"])
+        measured = rounds.measure(
+            subjects, report["workload"], dtype, report["rounds"], report["calls"]
+        )
     finally:
         rounds.end(list(subjects.values()))
-    missing = {one.name: {"error": reasons[one.environment]} for one in runners if one.environment in reasons}
+    missing = {
+        one.name: {"error": reasons[one.environment]}
+        for one in runners
+        if one.environment in reasons
+    }
     return {name: summary(result) for name, result in measured.items()} | missing
 
 

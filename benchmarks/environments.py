@@ -14,7 +14,10 @@ from pathlib import Path
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parent
 VENVS = ROOT / ".venv-bench"
-PYTHONS = {"faran": ("3.13",), "jax_mppi": ("3.13", "3.12")}  # others run on the Python that runs this
+PYTHONS = {
+    "faran": ("3.13",),
+    "jax_mppi": ("3.13", "3.12"),
+}  # others run on the Python that runs this
 TIMEOUT = 1800  # s, for one installation
 
 
@@ -31,7 +34,9 @@ def python(name: str) -> Path:
     digest = hashlib.sha256("\n".join([*wanted, constraints.read_text()]).encode()).hexdigest()
     if stamp.is_file() and stamp.read_text() == digest:
         return interpreter
-    print(f"installing {' '.join(wanted)} into {venv.relative_to(ROOT)}", file=sys.stderr, flush=True)
+    print(
+        f"installing {' '.join(wanted)} into {venv.relative_to(ROOT)}", file=sys.stderr, flush=True
+    )
     _run([find_python(name), "-m", "venv", "--clear", str(venv)])
     pip = [str(interpreter), "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
     _run([*pip, "-c", str(constraints), *wanted])
@@ -41,7 +46,9 @@ def python(name: str) -> Path:
 
 def requirements(name: str) -> list[str]:
     """What pyproject.toml has as the extra of environment `name`."""
-    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"][
+        "optional-dependencies"
+    ]
     return list(extras[f"bench-{name.replace('_', '-')}"])
 
 
@@ -50,7 +57,11 @@ def find_python(name: str) -> str:
     versions = PYTHONS.get(name, (f"{sys.version_info[0]}.{sys.version_info[1]}",))
     pyenv = os.environ.get("PYENV_ROOT", str(Path.home() / ".pyenv"))
     for wanted in versions:
-        for candidate in (sys.executable, f"python{wanted}", *glob.glob(f"{pyenv}/versions/{wanted}*/bin/python")):
+        for candidate in (
+            sys.executable,
+            f"python{wanted}",
+            *glob.glob(f"{pyenv}/versions/{wanted}*/bin/python"),
+        ):
             if _version(candidate) == wanted:
                 return candidate
     raise CannotInstallError(f"needs Python {' or '.join(versions)}, which was not found")
@@ -59,7 +70,9 @@ def find_python(name: str) -> str:
 def _version(candidate: str) -> str:
     code = "import sys; print('%d.%d' % sys.version_info[:2])"
     try:
-        return subprocess.run([candidate, "-c", code], capture_output=True, text=True, check=True).stdout.strip()
+        return subprocess.run(
+            [candidate, "-c", code], capture_output=True, text=True, check=True
+        ).stdout.strip()
     except (OSError, subprocess.CalledProcessError):
         return ""
 
@@ -70,5 +83,7 @@ def _run(command: list[str]) -> None:
     except subprocess.TimeoutExpired:
         raise CannotInstallError(f"installation took more than {TIMEOUT} s") from None
     if done.returncode:
-        said = [line for line in done.stderr.splitlines() if line.startswith("ERROR")] or done.stderr.splitlines()
+        said = [
+            line for line in done.stderr.splitlines() if line.startswith("ERROR")
+        ] or done.stderr.splitlines()
         raise CannotInstallError(f"not installed: {said[-1].strip() if said else command}")

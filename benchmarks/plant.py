@@ -24,7 +24,11 @@ def judge(workload: Workload, path: list[list[float]]) -> dict[str, float]:
     """How near a path came to the goal, how far from it it ended, its least distance to an obstacle's surface: m."""
     to_goal = [math.dist(x[:2], workload["goal"][:2]) for x in path]
     apart = min(math.dist(x[:2], center) for x in path for center in workload["centers"])
-    return {"nearest": min(to_goal), "final_distance": to_goal[-1], "clearance": apart - workload["radius"]}
+    return {
+        "nearest": min(to_goal),
+        "final_distance": to_goal[-1],
+        "clearance": apart - workload["radius"],
+    }
 
 
 class Planner:
@@ -39,7 +43,9 @@ class Planner:
     def __init__(self, workload: Workload, dtype: str) -> None:
         self.workload, self.dtype = workload, dtype
         self.versions: dict[str, str] = {}
-        self._x: list[float] | None = None  # where the timed closed loop stands; None before a trial
+        self._x: list[float] | None = (
+            None  # where the timed closed loop stands; None before a trial
+        )
         self._step = 0
 
     def reset(self) -> None:
@@ -71,7 +77,10 @@ class Planner:
         started = time.perf_counter()
         result = self.act(state)
         seconds = time.perf_counter() - started
-        self._x, self._step = plant_step(self.workload, self._x, self.control(result)), self._step + 1
+        self._x, self._step = (
+            plant_step(self.workload, self._x, self.control(result)),
+            self._step + 1,
+        )
         return seconds
 
     def closed_loop(self) -> dict[str, float]:
@@ -79,6 +88,8 @@ class Planner:
         self.reset()
         path = [self.workload["start"]]
         for _ in range(self.workload["steps"]):
-            path.append(plant_step(self.workload, path[-1], self.control(self.act(self.observe(path[-1])))))
+            path.append(
+                plant_step(self.workload, path[-1], self.control(self.act(self.observe(path[-1]))))
+            )
         self._x = None
         return judge(self.workload, path)

@@ -20,7 +20,9 @@ class SubjectError(Exception):
 class Remote:
     """A process that answers requests one at a time; it sleeps in between."""
 
-    def __init__(self, command: Sequence[str | os.PathLike], log: Path, env: Mapping[str, str] | None = None) -> None:
+    def __init__(
+        self, command: Sequence[str | os.PathLike], log: Path, env: Mapping[str, str] | None = None
+    ) -> None:
         self.log = log
         log.parent.mkdir(parents=True, exist_ok=True)
         with log.open("w") as stderr:

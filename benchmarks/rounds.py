@@ -21,7 +21,12 @@ class Asked(Protocol):
 
 
 def start(
-    python: str | Path, module: str, name: str, cpu: int, log: Path, env: Mapping[str, str] | None = None
+    python: str | Path,
+    module: str,
+    name: str,
+    cpu: int,
+    log: Path,
+    env: Mapping[str, str] | None = None,
 ) -> Remote:
     """The process of one contestant, pinned to `cpu`."""
     return Remote([python, SUBJECT, module, name, str(cpu)], log, env)

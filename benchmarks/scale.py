@@ -54,9 +54,13 @@ def main(argv: list[str] | None = None) -> None:
 def options_of(argv: list[str] | None, known: Mapping[str, Any], about: str) -> argparse.Namespace:
     """Which of the known parts are to run, and how."""
     parser = argparse.ArgumentParser(description=about.partition("\n")[0])
-    parser.add_argument("parts", nargs="*", metavar="PART", help=f"of {' '.join(known)}; all without one")
+    parser.add_argument(
+        "parts", nargs="*", metavar="PART", help=f"of {' '.join(known)}; all without one"
+    )
     only = parser.add_mutually_exclusive_group()
-    only.add_argument("--quick", action="store_true", help="a little of everything, nothing written")
+    only.add_argument(
+        "--quick", action="store_true", help="a little of everything, nothing written"
+    )
     only.add_argument("--docs", action="store_true", help="write the page in docs/ too")
     options = parser.parse_args(argv)
     for name in options.parts:
@@ -71,7 +75,9 @@ def measured(part: Any, sizes: Sizes) -> dict[str, Any]:
     source = {key: value for key, value in provenance(sys.argv).items() if key in kept}
     found: dict[str, Any] = {"source": source | {"load": os.getloadavg()}}
     OUTPUT.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(dir=OUTPUT, prefix="scale-") as folder:  # the disk that results go to
+    with tempfile.TemporaryDirectory(
+        dir=OUTPUT, prefix="scale-"
+    ) as folder:  # the disk that results go to
         try:
             found["numbers"] = part.measure(sizes, Path(folder))
         except (CommandError, SubjectError) as error:
@@ -84,8 +90,14 @@ def markdown(report: dict[str, Any], known: Mapping[str, Any] | None = None) -> 
     """The tables of all parts that are there, what failed, when and where they were measured."""
     known = PARTS if known is None else known
     shown = [name for name in known if name in report]
-    parts = [known[name].markdown(report[name]["numbers"]) for name in shown if "numbers" in report[name]]
-    parts += [f"Not measured: {name} ({report[name]['error']})" for name in shown if "error" in report[name]]
+    parts = [
+        known[name].markdown(report[name]["numbers"]) for name in shown if "numbers" in report[name]
+    ]
+    parts += [
+        f"Not measured: {name} ({report[name]['error']})"
+        for name in shown
+        if "error" in report[name]
+    ]
     return "\n\n".join([*parts, "\n".join(_source(name, report[name]["source"]) for name in shown)])
 
 
@@ -93,7 +105,9 @@ def _source(name: str, source: dict[str, Any]) -> str:
     load = ", ".join(f"{value:.2f}" for value in source["load"])
     commit = f"{(source['commit'] or 'unknown')[:12]}{' (changed)' if source['dirty'] else ''}"
     machine = f"{source['processor']}, {source['platform']}, jax {source['versions']['jax']}"
-    return f"- `{name}`: {source['started']}, commit {commit}, {machine}, load average before {load}"
+    return (
+        f"- `{name}`: {source['started']}, commit {commit}, {machine}, load average before {load}"
+    )
 
 
 def _stored() -> dict[str, Any]:

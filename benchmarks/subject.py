@@ -20,7 +20,9 @@ from collections.abc import Callable
 from typing import Any, TextIO
 
 
-def answer(make: Callable[..., Any], name: str, request: dict[str, Any], made: dict[str, Any]) -> dict[str, Any]:
+def answer(
+    make: Callable[..., Any], name: str, request: dict[str, Any], made: dict[str, Any]
+) -> dict[str, Any]:
     """The reply to one request; `made` keeps the planner between requests."""
     match request["do"]:
         case "prepare":

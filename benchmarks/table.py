@@ -57,7 +57,10 @@ def _table(rows: dict[str, dict[str, Any]]) -> str:
     for kind, title in KINDS.items():
         own = [one for one in CONTESTANTS if one.kind == kind and one.name in rows]
         lines += [f"| **{title}** | | | | | | |"] if own else []
-        for one in sorted(own, key=lambda one: rows[one.name].get("median_ms", float("inf")) if kind == "peers" else 0):
+        for one in sorted(
+            own,
+            key=lambda one: rows[one.name].get("median_ms", float("inf")) if kind == "peers" else 0,
+        ):
             row = rows[one.name]
             near = row.get("nearest")
             cells = [
@@ -83,9 +86,13 @@ def origin(report: dict[str, Any]) -> str:
 def _machine(report: dict[str, Any]) -> str:
     """Where and when: date, commit, machine, load; how each was set up, with versions."""
     setups: dict[str, list[str]] = {}
-    for row_name, row in {name: row for rows in report["rows"].values() for name, row in rows.items()}.items():
+    for row_name, row in {
+        name: row for rows in report["rows"].values() for name, row in rows.items()
+    }.items():
         if "versions" in row:
-            packages = ", ".join(f"{package} {number}" for package, number in row["versions"].items())
+            packages = ", ".join(
+                f"{package} {number}" for package, number in row["versions"].items()
+            )
             setups.setdefault(f"{row['settings']}; {packages}", []).append(_label(row_name))
     load = ", ".join(f"{value:.2f}" for value in report["load"])
     return "\n".join(

@@ -77,9 +77,16 @@ def measure(name: str, n_keys: int) -> list[dict[str, Any]]:
         for label, mirrored in (("plain", "false"), ("mirrored", "true")):
             errors = controls(parts, given, n, mirrored == "true", n_keys, SEED) - exact
             squares[label] = np.mean(np.sum(errors**2, axis=-1), axis=0)
-            overrides = [f"controller={name}", f"planner.n_samples={n}", f"controller.antithetic={mirrored}"]
+            overrides = [
+                f"controller={name}",
+                f"planner.n_samples={n}",
+                f"controller.antithetic={mirrored}",
+            ]
             seconds = time_steps(collect(overrides)[0], 200)
-            row[label] = {"rmse": float(np.sqrt(squares[label].mean())), "ms": 1e3 * float(np.median(seconds))}
+            row[label] = {
+                "rmse": float(np.sqrt(squares[label].mean())),
+                "ms": 1e3 * float(np.median(seconds)),
+            }
         row["ratio"] = ratio(squares["mirrored"], squares["plain"])
         rows.append(row)
     return rows
@@ -100,19 +107,27 @@ def moments(parts: Experiment) -> Moment:
         u, after, info = controller.act(problem, belief, plan, key)
         return u, after, Noted(info.ess, Moment(belief, plan))
 
-    planner = type("Planner", (), {"init": staticmethod(controller.init), "act": staticmethod(act)})()
-    given = jax.jit(lambda: closed_loop(problem, filter, planner, SEED, 0, lambda info: info.given)[1])()
+    planner = type(
+        "Planner", (), {"init": staticmethod(controller.init), "act": staticmethod(act)}
+    )()
+    given = jax.jit(
+        lambda: closed_loop(problem, filter, planner, SEED, 0, lambda info: info.given)[1]
+    )()
     return jax.tree.map(lambda a: a[np.array(STEPS)], given)
 
 
-def controls(parts: Experiment, given: Moment, n: int, mirrored: bool, n_keys: int, seed: int) -> np.ndarray:
+def controls(
+    parts: Experiment, given: Moment, n: int, mirrored: bool, n_keys: int, seed: int
+) -> np.ndarray:
     """First controls (steps, keys, nu)."""
     planner: MPPIBelief = replace(parts.controller, n_samples=n, antithetic=mirrored)
     keys = jax.random.split(jax.random.key(seed), n_keys)
 
     @jax.jit
     def first(at: Moment) -> Array:
-        return jax.lax.map(lambda key: planner.act(parts.problem, at.beliefs, at.plans, key)[0], keys)
+        return jax.lax.map(
+            lambda key: planner.act(parts.problem, at.beliefs, at.plans, key)[0], keys
+        )
 
     steps = [jax.tree.map(lambda a, k=k: a[k], given) for k in range(len(STEPS))]
     return np.stack([np.asarray(first(at), dtype=float) for at in steps])

@@ -14,7 +14,10 @@ def workload(overrides: list[str] | None = None) -> dict[str, Any]:
         "dt": problem["dt"],
         "steps": problem["steps"],
         "start": problem["prior_mean"],
-        **{name: cost[name] for name in ("goal", "running_weight", "terminal_weight", "control_weight")},
+        **{
+            name: cost[name]
+            for name in ("goal", "running_weight", "terminal_weight", "control_weight")
+        },
         **{name: cost[name] for name in ("w_obs", "bump_width")},
         **{name: obstacles[name] for name in ("centers", "radius")},
         **{name: planner[name] for name in ("n_samples", "horizon", "temperature", "control_std")},

@@ -20,7 +20,9 @@ def main() -> None:
         if run is None:
             raise SystemExit("no results: mppi-belief run experiment=table_1 controller=belief,ce")
         rate = 100 * found.collided.mean()
-        runs.append(run._replace(title=f"{found.name}: {rate:.1f} % of {len(found.good)} trials collide"))
+        runs.append(
+            run._replace(title=f"{found.name}: {rate:.1f} % of {len(found.good)} trials collide")
+        )
         founds.append(found)
     FOLDER.mkdir(parents=True, exist_ok=True)
     figures.save(figures.compare(runs), FOLDER / "trajectories.png")

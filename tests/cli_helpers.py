@@ -77,7 +77,13 @@ def compose(*args: str) -> dict[str, Any]:
 def command(cwd: Path, *args: str, **env: str) -> Said:
     """`mppi-belief ARGS` as a user runs it."""
     done = subprocess.run(
-        [COMMAND, *args], cwd=cwd, env=os.environ | env, capture_output=True, text=True, timeout=TIMEOUT, check=False
+        [COMMAND, *args],
+        cwd=cwd,
+        env=os.environ | env,
+        capture_output=True,
+        text=True,
+        timeout=TIMEOUT,
+        check=False,
     )
     return Said(done.returncode, done.stdout, done.stderr)
 
@@ -85,20 +91,33 @@ def command(cwd: Path, *args: str, **env: str) -> Said:
 def python(code: str, cwd: Path) -> str:
     """What a fresh interpreter prints when it runs `code`."""
     done = subprocess.run(
-        [sys.executable, "-c", code], cwd=cwd, capture_output=True, text=True, timeout=TIMEOUT, check=False
+        [sys.executable, "-c", code],
+        cwd=cwd,
+        capture_output=True,
+        text=True,
+        timeout=TIMEOUT,
+        check=False,
     )
     assert done.returncode == 0, done.stderr
     return done.stdout.strip()
 
 
 @contextmanager
-def started(cwd: Path, *args: str, stdout: int = subprocess.DEVNULL, **how: Any) -> Iterator[subprocess.Popen[str]]:
+def started(
+    cwd: Path, *args: str, stdout: int = subprocess.DEVNULL, **how: Any
+) -> Iterator[subprocess.Popen[str]]:
     """The command in the background, in a process group of its own as a shell would give it; never left behind.
     `how` is for Popen."""
     log = cwd / "stderr.txt"
     with log.open("w") as stderr:
         process = subprocess.Popen(
-            [COMMAND, *args], cwd=cwd, stdout=stdout, stderr=stderr, text=True, start_new_session=True, **how
+            [COMMAND, *args],
+            cwd=cwd,
+            stdout=stdout,
+            stderr=stderr,
+            text=True,
+            start_new_session=True,
+            **how,
         )
         try:
             yield process

@@ -15,7 +15,11 @@ import mppi_belief as mb
 CENTERS = [[3, 1], [3, -1]]
 # as compiled outside of the tests, see `compile_simply` in conftest.py
 users_jit = partial(
-    jax.jit, compiler_options={"xla_cpu_use_fusion_emitters": True, "xla_cpu_parallel_codegen_split_count": 32}
+    jax.jit,
+    compiler_options={
+        "xla_cpu_use_fusion_emitters": True,
+        "xla_cpu_parallel_codegen_split_count": 32,
+    },
 )
 # most tests compile more than they compute: without optimisation that takes half as long
 quick_jit = partial(jax.jit, compiler_options={"xla_backend_optimization_level": 0})
@@ -34,7 +38,9 @@ def float64() -> Iterator[None]:
         jax.config.update("jax_enable_x64", before)
 
 
-def light_dark_problem(system: dict | None = None, cost: dict | None = None, **problem) -> mb.Problem:
+def light_dark_problem(
+    system: dict | None = None, cost: dict | None = None, **problem
+) -> mb.Problem:
     """The reference scenario, with any of its numbers replaced."""
     obstacles = mb.Obstacles(centers=CENTERS, radius=0.65)
     noise = {"process_noise": 0.3, "light": 5, "noise_slope": 0.5**0.5, "noise_floor": 0.1}
@@ -84,9 +90,17 @@ class Scalar(NamedTuple):
         return self.temperature * self.b**2 / self.diffusion
 
     def problem(self, steps: int = 10, noise_convention: str = "intensity") -> mb.Problem:
-        system = mb.ScalarLinear(self.a, self.b, self.c, self.sigma_w, self.sigma_o, noise_convention)
+        system = mb.ScalarLinear(
+            self.a, self.b, self.c, self.sigma_w, self.sigma_o, noise_convention
+        )
         cost = mb.GoalObstacleCost(
-            [0.0], [self.q], [self.q_T], [self.R], mb.Obstacles(np.zeros((0, 1)), 0), w_obs=0, bump_width=1
+            [0.0],
+            [self.q],
+            [self.q_T],
+            [self.R],
+            mb.Obstacles(np.zeros((0, 1)), 0),
+            w_obs=0,
+            bump_width=1,
         )
         prior = {"prior_mean": [self.mean], "prior_std": [np.sqrt(self.variance)]}
         return mb.Problem(system, cost, **prior, dt=self.duration / steps, steps=steps)
@@ -105,7 +119,9 @@ class Feedback:
     def init(self, problem: mb.Problem) -> Array:
         return jnp.zeros(())
 
-    def act(self, problem: mb.Problem, belief: mb.Belief, plan: Array, key: Array) -> tuple[Array, Array, Info]:
+    def act(
+        self, problem: mb.Problem, belief: mb.Belief, plan: Array, key: Array
+    ) -> tuple[Array, Array, Info]:
         return -self.gain * problem.system.position(belief.mean), plan, Info(jnp.ones(()))
 
 
@@ -119,7 +135,11 @@ def assert_mean(samples: np.ndarray, target: np.ndarray | float, sigmas: float =
     """The mean over the first axis lies within so many standard errors of the target (rounding: 1e-12)."""
     samples = np.asarray(samples, dtype=np.float64)
     error = samples.std(axis=0, ddof=1) / np.sqrt(len(samples)) + 1e-12
-    assert np.all(np.abs(samples.mean(axis=0) - target) <= sigmas * error), (samples.mean(axis=0), target, error)
+    assert np.all(np.abs(samples.mean(axis=0) - target) <= sigmas * error), (
+        samples.mean(axis=0),
+        target,
+        error,
+    )
 
 
 def assert_covariance(samples: np.ndarray, target: np.ndarray, sigmas: float = SIGMAS) -> None:

@@ -5,12 +5,16 @@ import numpy as np
 import mppi_belief as mb
 
 
-def random_problem(rng: np.random.Generator, nx: int = 3, nu: int = 2, steps: int = 12) -> mb.Problem:
+def random_problem(
+    rng: np.random.Generator, nx: int = 3, nu: int = 2, steps: int = 12
+) -> mb.Problem:
     """A random linear-quadratic problem without obstacles, its goal not an equilibrium."""
     A, B = rng.normal(size=(nx, nx)), rng.normal(size=(nx, nu))
     system = mb.Linear(A, B, np.eye(1, nx), 0.2 * np.eye(nx), [0.3], noise_convention="sample")
     running, terminal, control = (np.diag(rng.uniform(0.5, 2, n)) for n in (nx, nx, nu))
-    cost = mb.GoalObstacleCost(rng.normal(size=nx), running, terminal, control, mb.Obstacles([], 0), 0, 1)
+    cost = mb.GoalObstacleCost(
+        rng.normal(size=nx), running, terminal, control, mb.Obstacles([], 0), 0, 1
+    )
     return mb.Problem(system, cost, rng.normal(size=nx), np.full(nx, 0.1), dt=0.1, steps=steps)
 
 
@@ -19,12 +23,18 @@ def lqr(problem: mb.Problem, start: np.ndarray, charged: np.ndarray) -> np.ndarr
     system, cost, dt = problem.system, problem.cost, problem.dt
     nx, nu, horizon = len(start), cost.R.shape[0], len(charged) - 1
     F, B = np.eye(nx) + dt * np.asarray(system.A), dt * np.asarray(system.B)
-    free = np.concatenate([np.linalg.matrix_power(F, k) @ start - cost.goal for k in range(horizon + 1)])
+    free = np.concatenate(
+        [np.linalg.matrix_power(F, k) @ start - cost.goal for k in range(horizon + 1)]
+    )
     forced = np.zeros(((horizon + 1) * nx, horizon * nu))
     for k in range(1, horizon + 1):
         for j in range(k):
-            forced[k * nx : (k + 1) * nx, j * nu : (j + 1) * nu] = np.linalg.matrix_power(F, k - 1 - j) @ B
+            forced[k * nx : (k + 1) * nx, j * nu : (j + 1) * nu] = (
+                np.linalg.matrix_power(F, k - 1 - j) @ B
+            )
     weight = np.kron(np.diag(charged), dt * np.asarray(cost.running_weight))
     weight[-nx:, -nx:] += np.asarray(cost.terminal_weight)
     R = np.kron(np.eye(horizon), dt * np.asarray(cost.control_weight))
-    return np.linalg.solve(forced.T @ weight @ forced + R, -forced.T @ weight @ free).reshape(horizon, nu)
+    return np.linalg.solve(forced.T @ weight @ forced + R, -forced.T @ weight @ free).reshape(
+        horizon, nu
+    )

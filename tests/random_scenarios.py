@@ -45,7 +45,9 @@ class Watched:
     def init(self, problem: mb.Problem) -> Any:
         return self.inner.init(problem)
 
-    def act(self, problem: mb.Problem, belief: Any, plan: Any, key: Array) -> tuple[Array, Any, Watch]:
+    def act(
+        self, problem: mb.Problem, belief: Any, plan: Any, key: Array
+    ) -> tuple[Array, Any, Watch]:
         u, plan, info = self.inner.act(problem, belief, plan, key)
         return u, plan, Watch(info.ess, belief, info)
 
@@ -63,15 +65,24 @@ def _sampler(numbers: Numbers, *names: str, **options: Any) -> mb.MPPIBelief:
 
 METHODS: dict[str, tuple[Callable[[], Any], Callable[[Numbers], Any]]] = {
     "belief": (EKF, lambda n: _sampler(n, "control_std", "theta")),
-    "belief, total, matched std": (EKF, lambda n: _sampler(n, "theta", alpha=0.5, antithetic=True, **TOTAL)),
-    "belief, particle": (EACH, lambda n: _sampler(n, "control_std", "theta", expectation="at_mean")),
+    "belief, total, matched std": (
+        EKF,
+        lambda n: _sampler(n, "theta", alpha=0.5, antithetic=True, **TOTAL),
+    ),
+    "belief, particle": (
+        EACH,
+        lambda n: _sampler(n, "control_std", "theta", expectation="at_mean"),
+    ),
     "belief, laplace": (EKF, lambda n: _sampler(n, "control_std", "theta", proposal="laplace")),
     "ce": (EKF, lambda n: _sampler(n, "control_std", evaluate="mean")),
     "algorithm_1": (EKF, lambda n: _sampler(n, "theta", **PRINTED)),
     "ilqg": (EKF, lambda n: mb.EKFiLQG(horizon=HORIZON, max_iterations=20)),
     "lqg": (EKF, lambda n: mb.LQG()),
     "pipf": (PARTICLE, lambda n: mb.PIPF(**SAMPLED, **_of(n, "temperature", "control_std"))),
-    "pipf, pooled": (PARTICLE, lambda n: mb.PIPF(**SAMPLED, **_of(n, "temperature", "control_std"), combine="pooled")),
+    "pipf, pooled": (
+        PARTICLE,
+        lambda n: mb.PIPF(**SAMPLED, **_of(n, "temperature", "control_std"), combine="pooled"),
+    ),
 }
 
 
@@ -118,10 +129,18 @@ def draw(system: str, count: int, seed: int) -> Numbers:
         size = log(1e-2, 1e4)[:, None, None]  # the largest overflow within a few steps
         C = rng.normal(size=(count, ny, nx))
         C[:, -1] = sometimes(0.3, C[:, 0], C[:, -1])  # a measurement made twice
-        numbers |= {"A": size * rng.normal(size=(count, nx, nx)), "B": rng.normal(size=(count, nx, nu)), "C": C}
+        numbers |= {
+            "A": size * rng.normal(size=(count, nx, nx)),
+            "B": rng.normal(size=(count, nx, nu)),
+            "C": C,
+        }
         numbers["channel"] = rng.normal(size=(count, nx, nx)) * log(1e-6, 1e3, 1, nx, zero=0.3)
     if system == "scalar_linear":
-        numbers |= {"A": rng.uniform(-10, 10, (count, 1)), "B": rng.normal(size=(count, 1)), "C": log(1e-3, 1e3, 1)}
+        numbers |= {
+            "A": rng.uniform(-10, 10, (count, 1)),
+            "B": rng.normal(size=(count, 1)),
+            "C": log(1e-3, 1e3, 1),
+        }
     for row, corner in enumerate(CORNERS[:count]):
         for name, value in corner(numbers, row).items():
             if name in numbers:
@@ -168,12 +187,18 @@ def problem(system: str, n: Numbers) -> mb.Problem:
     obstacles = mb.Obstacles(n["centers"], n["radius"])
     made: Any
     if system == "light_dark":
-        made = mb.LightDark(obstacles, n["process_noise"], 1.0, n["noise_slope"], n["sensor_noise"][0])
+        made = mb.LightDark(
+            obstacles, n["process_noise"], 1.0, n["noise_slope"], n["sensor_noise"][0]
+        )
     elif system == "scalar_linear":
-        made = mb.ScalarLinear(n["A"][0], n["B"][0], n["C"][0], n["process_noise"], n["sensor_noise"][0])
+        made = mb.ScalarLinear(
+            n["A"][0], n["B"][0], n["C"][0], n["process_noise"], n["sensor_noise"][0]
+        )
     else:
         made = mb.Linear(n["A"], n["B"], n["C"], n["channel"], n["sensor_noise"])
-    weights = _of(n, "goal", "running_weight", "terminal_weight", "control_weight", "w_obs", "bump_width")
+    weights = _of(
+        n, "goal", "running_weight", "terminal_weight", "control_weight", "w_obs", "bump_width"
+    )
     cost = mb.GoalObstacleCost(obstacles=obstacles, **weights)
     return mb.Problem(made, cost, n["prior_mean"], n["prior_std"], n["dt"], STEPS)
 
@@ -194,7 +219,9 @@ def loops(system: str, method: str) -> Callable[[Numbers], Loop]:
     def one(n: Numbers) -> Loop:
         posed = problem(system, n)
         watched = Watched(controller(n))
-        trial, notes = closed_loop(posed, filter(), watched, 0, n["trial"], lambda info: (info.told, info.made))
+        trial, notes = closed_loop(
+            posed, filter(), watched, 0, n["trial"], lambda info: (info.told, info.made)
+        )
         return Loop(trial, mb.metrics(posed, trial), *notes)
 
     return quick_jit(jax.vmap(one))
@@ -211,9 +238,14 @@ def lost(found: Loop) -> np.ndarray:
         "belief": ~(_finite(trial.beliefs.mean) & _finite(trial.beliefs.cov))[:, 1:],
     }
     order = np.arange(len(gone)) / len(gone)
-    first = np.stack([np.where(bad.any(1), bad.argmax(1), STEPS) for bad in gone.values()], axis=1) + order
+    first = (
+        np.stack([np.where(bad.any(1), bad.argmax(1), STEPS) for bad in gone.values()], axis=1)
+        + order
+    )
     names = np.array(list(gone))[np.argmin(first, axis=1)]
-    return np.where(first.min(axis=1) >= STEPS, np.where(np.isfinite(found.metrics.cost), "", "cost"), names)
+    return np.where(
+        first.min(axis=1) >= STEPS, np.where(np.isfinite(found.metrics.cost), "", "cost"), names
+    )
 
 
 def _finite(values: np.ndarray) -> np.ndarray:
@@ -232,7 +264,9 @@ def violations(found: Loop, dtype: str) -> dict[str, np.ndarray]:
     if hasattr(found.made, "weights"):
         checks["weights"] = _not_weights(found.made.weights, eps)
         ess, n = found.trial.ess, found.made.weights.shape[-1]
-        checks["effective sample size"] = ~np.all((ess >= 1 - n * eps) & (ess <= n * (1 + n * eps)), axis=1)
+        checks["effective sample size"] = ~np.all(
+            (ess >= 1 - n * eps) & (ess <= n * (1 + n * eps)), axis=1
+        )
     if hasattr(found.told, "log_weights"):
         checks["particle weights"] = _not_weights(np.exp(found.told.log_weights.astype(float)), eps)
     return {name: bad & kept for name, bad in checks.items()}
@@ -255,14 +289,19 @@ def _not_weights(w: np.ndarray, eps: float) -> np.ndarray:
     return bad.reshape(len(bad), -1).any(axis=1)
 
 
-def studied(system: str, count: int, seed: int, methods: list[str], dtype: str) -> Iterator[tuple[str, int, Loop]]:
+def studied(
+    system: str, count: int, seed: int, methods: list[str], dtype: str
+) -> Iterator[tuple[str, int, Loop]]:
     """Method, number of the first scenario, and loops, batch by batch."""
     numbers = draw(system, count, seed)
     with jax.enable_x64(dtype == "float64"):
         for method in methods:
             run, size = loops(system, method), min(BATCH, count)
             for first in range(0, count, size):
-                part = {name: values[np.arange(first, first + size) % count] for name, values in numbers.items()}
+                part = {
+                    name: values[np.arange(first, first + size) % count]
+                    for name, values in numbers.items()
+                }
                 found = jax.device_get(run(part))
                 yield method, first, jax.tree.map(lambda a, first=first: a[: count - first], found)
 
@@ -270,7 +309,9 @@ def studied(system: str, count: int, seed: int, methods: list[str], dtype: str) 
 def main() -> None:
     """Count and print."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("--count", type=int, default=10_000, help="scenarios, shared among the systems")
+    parser.add_argument(
+        "--count", type=int, default=10_000, help="scenarios, shared among the systems"
+    )
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--system", action="append", choices=SYSTEMS)
     parser.add_argument("--method", action="append", choices=METHODS)
@@ -282,15 +323,24 @@ def main() -> None:
         for system in chosen:
             count = -(-options.count // len(chosen))
             tally: dict[str, Counter] = {}
-            for method, first, found in studied(system, count, options.seed, options.method or list(METHODS), dtype):
+            for method, first, found in studied(
+                system, count, options.seed, options.method or list(METHODS), dtype
+            ):
                 counts = tally.setdefault(method, Counter())
                 names = lost(found)
-                counts.update({name or "ok": int(np.sum(names == name)) for name in map(str, np.unique(names))})
+                counts.update(
+                    {
+                        name or "ok": int(np.sum(names == name))
+                        for name in map(str, np.unique(names))
+                    }
+                )
                 for name, bad in violations(found, dtype).items():
                     if bad.any():
                         counts[f"VIOLATION {name}"] += int(bad.sum())
                         worst += int(bad.sum())
-                        print(f"{dtype} {system} {method}: {name}, scenarios {first + np.flatnonzero(bad)[:8]}")
+                        print(
+                            f"{dtype} {system} {method}: {name}, scenarios {first + np.flatnonzero(bad)[:8]}"
+                        )
             for method, counts in tally.items():
                 print(f"{dtype} {system:14} {method:28}", dict(counts), flush=True)
     raise SystemExit(worst > 0)

@@ -43,7 +43,13 @@ def jacobian(fn: Function, x: np.ndarray, h: float = 1e-5) -> Matrix:
 
 
 def kalman_step(
-    mean: np.ndarray, cov: Matrix, y: np.ndarray, step: Function, measure: Function, Q: Matrix, R: Function
+    mean: np.ndarray,
+    cov: Matrix,
+    y: np.ndarray,
+    step: Function,
+    measure: Function,
+    Q: Matrix,
+    R: Function,
 ) -> tuple[np.ndarray, Matrix]:
     """Predict through `step`, then update in information form, (Sigma^-1 + C' R^-1 C)^-1."""
     F = jacobian(step, mean)
@@ -53,7 +59,9 @@ def kalman_step(
     return mean + cov @ C.T @ R_inverse @ (y - measure(mean)), cov
 
 
-def riccati_flow(cov: Matrix, A: Matrix, Q: Matrix, C: Matrix, R_o: Matrix, duration: float) -> Matrix:
+def riccati_flow(
+    cov: Matrix, A: Matrix, Q: Matrix, C: Matrix, R_o: Matrix, duration: float
+) -> Matrix:
     """(8b) integrated by an adaptive Runge-Kutta method."""
 
     def rate(_: float, flat: np.ndarray) -> np.ndarray:
@@ -63,26 +71,34 @@ def riccati_flow(cov: Matrix, A: Matrix, Q: Matrix, C: Matrix, R_o: Matrix, dura
     return _integrate(rate, cov.ravel(), duration).reshape(cov.shape)
 
 
-def belief_flow(model: Linear, mean: np.ndarray, cov: Matrix, u: np.ndarray, duration: float) -> Matrix:
+def belief_flow(
+    model: Linear, mean: np.ndarray, cov: Matrix, u: np.ndarray, duration: float
+) -> Matrix:
     """Sigma after `duration` where mean and covariance move together and no innovation comes."""
     n = len(mean)
 
     def rate(_: float, flat: np.ndarray) -> np.ndarray:
         x, S = flat[:n], flat[n:].reshape(n, n)
         D = S @ model.C.T @ np.linalg.inv(model.intensity(x)) @ model.C @ S
-        return np.concatenate([model.A @ x + model.B @ u, (model.A @ S + S @ model.A.T + model.Q - D).ravel()])
+        return np.concatenate(
+            [model.A @ x + model.B @ u, (model.A @ S + S @ model.A.T + model.Q - D).ravel()]
+        )
 
     return _integrate(rate, np.concatenate([mean, cov.ravel()]), duration)[n:].reshape(n, n)
 
 
-def _integrate(rate: Callable[[float, np.ndarray], np.ndarray], start: np.ndarray, duration: float) -> np.ndarray:
+def _integrate(
+    rate: Callable[[float, np.ndarray], np.ndarray], start: np.ndarray, duration: float
+) -> np.ndarray:
     return solve_ivp(rate, (0, duration), start, method="DOP853", rtol=1e-12, atol=1e-14).y[:, -1]
 
 
 # Gaussian expectations
 
 
-def expectation(fn: Function, mean: np.ndarray, cov: Matrix, nodes: int = 200, reach: float = 9.0) -> np.ndarray:
+def expectation(
+    fn: Function, mean: np.ndarray, cov: Matrix, nodes: int = 200, reach: float = 9.0
+) -> np.ndarray:
     """E fn(x) by a tensor rule; fn maps points (P, n) to (..., P).
 
     Equal steps over +-9 standard deviations: for a smooth function times a Gaussian they converge
@@ -114,7 +130,10 @@ def covariance(
 def bumps(x: np.ndarray, centers: np.ndarray, width: float) -> np.ndarray:
     """Sum of bumps at points (P, n) -> (P,)."""
     d = np.shape(centers)[1]
-    return sum(np.exp(-np.sum((x[:, :d] - z) ** 2, axis=1) / (2 * width**2)) for z in np.asarray(centers, dtype=float))
+    return sum(
+        np.exp(-np.sum((x[:, :d] - z) ** 2, axis=1) / (2 * width**2))
+        for z in np.asarray(centers, dtype=float)
+    )
 
 
 def quadratic(x: np.ndarray, reference: np.ndarray, weight: Matrix) -> np.ndarray:
@@ -122,7 +141,9 @@ def quadratic(x: np.ndarray, reference: np.ndarray, weight: Matrix) -> np.ndarra
     return 0.5 * np.einsum("pi,ij,pj->p", x - reference, weight, x - reference)
 
 
-def bump_expectation(mean: np.ndarray, cov: Matrix, center: np.ndarray, squared_width: float) -> float:
+def bump_expectation(
+    mean: np.ndarray, cov: Matrix, center: np.ndarray, squared_width: float
+) -> float:
     """E exp(-|p - z|^2 / (2 s)): a Gaussian convolution."""
     d = len(center)
     total = squared_width * np.eye(d) + cov[:d, :d]
@@ -131,12 +152,15 @@ def bump_expectation(mean: np.ndarray, cov: Matrix, center: np.ndarray, squared_
     return float(scale * np.exp(-0.5 * offset @ np.linalg.solve(total, offset)))
 
 
-def bump_moments(mean: np.ndarray, cov: Matrix, centers: np.ndarray, width: float) -> tuple[float, float]:
+def bump_moments(
+    mean: np.ndarray, cov: Matrix, centers: np.ndarray, width: float
+) -> tuple[float, float]:
     """Mean and variance of the sum of bumps, a product of two being a bump of width l / sqrt(2) half-way."""
     centers = np.asarray(centers, dtype=float)
     first = sum(bump_expectation(mean, cov, z, width**2) for z in centers)
     second = sum(
-        np.exp(-np.sum((z - y) ** 2) / (4 * width**2)) * bump_expectation(mean, cov, (z + y) / 2, width**2 / 2)
+        np.exp(-np.sum((z - y) ** 2) / (4 * width**2))
+        * bump_expectation(mean, cov, (z + y) / 2, width**2 / 2)
         for z, y in product(centers, centers)
     )
     return first, second - first**2
@@ -183,7 +207,13 @@ def schedule(
 
 
 def algorithm_1(
-    model: Linear, planner: Planner, mean: np.ndarray, cov: Matrix, normals: np.ndarray, L: np.ndarray, method: str
+    model: Linear,
+    planner: Planner,
+    mean: np.ndarray,
+    cov: Matrix,
+    normals: np.ndarray,
+    L: np.ndarray,
+    method: str,
 ) -> np.ndarray:
     """Algorithm 1 as printed, line by line, on standard normals (H, n, N).
 
@@ -222,7 +252,15 @@ class GaussianPaths(NamedTuple):
 
 
 def gaussian_paths(
-    a: float, b: float, diffusion: float, q: float, q_T: float, mean: float, dt: float, steps: int, temperature: float
+    a: float,
+    b: float,
+    diffusion: float,
+    q: float,
+    q_T: float,
+    mean: float,
+    dt: float,
+    steps: int,
+    temperature: float,
 ) -> GaussianPaths:
     """(19) and (17) with the expectation done exactly: S is quadratic in eps, so exp(-S / lambda) tilts N(0, I dt)
     into another Gaussian.
@@ -230,7 +268,9 @@ def gaussian_paths(
     mu_k = F^k mean + row_k . eps; S = sum over k of q/2 mu_k^2 dt, plus q_T/2 mu_H^2.
     """
     F, s = 1 + a * dt, np.sqrt(diffusion)
-    rows = np.array([[s * F ** (k - 1 - j) if j < k else 0.0 for j in range(steps)] for k in range(steps + 1)])
+    rows = np.array(
+        [[s * F ** (k - 1 - j) if j < k else 0.0 for j in range(steps)] for k in range(steps + 1)]
+    )
     drift = mean * F ** np.arange(steps + 1)
     cost = np.append(np.full(steps, q * dt), q_T) / temperature
     precision = np.eye(steps) / dt + rows.T @ np.diag(cost) @ rows
@@ -240,7 +280,9 @@ def gaussian_paths(
     return GaussianPaths(control=s / b * posterior[0] / dt, log_psi=log_psi)
 
 
-def lqg_feedback(a: float, b: float, R: float, q: float, q_T: float, mean: float, duration: float) -> float:
+def lqg_feedback(
+    a: float, b: float, R: float, q: float, q_T: float, mean: float, duration: float
+) -> float:
     """-R^-1 b P(0) mean, P from the control Riccati equation -dP/dt = q + 2 a P - (b P)^2 / R, P(T) = q_T."""
     P = _integrate(lambda _, p: q + 2 * a * p - (b * p) ** 2 / R, np.array([q_T]), duration)[0]
     return -b * P * mean / R

@@ -20,11 +20,17 @@ SCENE: dict[str, Any] = {
     "goal": [7.0, 0.0],
     "obstacles": [[3.0, 1.0], [3.0, -1.0]],
     "radius": 0.65,
-    "noise": {"x": [-4.0, 5.0, 12.0], "y": [-6.0, 6.0], "level": [[6.0, 0.1, 5.0], [6.0, 0.1, 5.0]]},
+    "noise": {
+        "x": [-4.0, 5.0, 12.0],
+        "y": [-6.0, 6.0],
+        "level": [[6.0, 0.1, 5.0], [6.0, 0.1, 5.0]],
+    },
 }
 
 
-def setting(method: str = "belief", theta: float = 1.0, w_obs: float = 500.0, seed: int = 0, **swept: Any) -> Cell:
+def setting(
+    method: str = "belief", theta: float = 1.0, w_obs: float = 500.0, seed: int = 0, **swept: Any
+) -> Cell:
     """A cell by the labels that a report goes by."""
     made = config(seed)
     names = made["names"] | {"controller": method}
@@ -41,14 +47,22 @@ def spread_out(n: int, mean: float, sd: float) -> np.ndarray:
 
 
 def trials(
-    n: int, hits: int = 0, cost: tuple[float, float] = (50.0, 6.0), clearance: tuple[float, float] = (0.5, 0.2)
+    n: int,
+    hits: int = 0,
+    cost: tuple[float, float] = (50.0, 6.0),
+    clearance: tuple[float, float] = (0.5, 0.2),
 ) -> list[dict[str, Any]]:
     """Rows of n trials, the first `hits` of which collide; means and standard deviations as given."""
     columns = zip(spread_out(n, *cost), spread_out(n, *clearance), strict=True)
-    return [row(trial, cost=c, clearance=far, collided=trial < hits) for trial, (c, far) in enumerate(columns)]
+    return [
+        row(trial, cost=c, clearance=far, collided=trial < hits)
+        for trial, (c, far) in enumerate(columns)
+    ]
 
 
-def random_trials(rng: np.random.Generator, numbers: Sequence[int], rate: float, cost: float) -> list[dict[str, Any]]:
+def random_trials(
+    rng: np.random.Generator, numbers: Sequence[int], rate: float, cost: float
+) -> list[dict[str, Any]]:
     """Rows of these trials, as random as trials are."""
     return [
         row(
@@ -66,12 +80,17 @@ def lost(trial: int) -> dict[str, Any]:
 
 
 def held(
-    cell: Cell, rows: Sequence[dict[str, Any]], wanted: int | None = None, sources: Sequence[dict[str, Any]] = ()
+    cell: Cell,
+    rows: Sequence[dict[str, Any]],
+    wanted: int | None = None,
+    sources: Sequence[dict[str, Any]] = (),
 ) -> Found:
     """The cell as if these rows had been found."""
     table = pd.DataFrame(list(rows), columns=[*row(0)])
     wanted = len(rows) if wanted is None else wanted
-    return Found(cell, wanted, table, pd.DataFrame(columns=[*PATH_COLUMNS]), None, [], None, list(sources))
+    return Found(
+        cell, wanted, table, pd.DataFrame(columns=[*PATH_COLUMNS]), None, [], None, list(sources)
+    )
 
 
 def store(
@@ -84,7 +103,9 @@ def store(
     """Write these rows, in files of at most ten, and the wall times of control steps; the cell's folder."""
     folder = root / cell.id
     for start in range(0, len(rows), 10):
-        results.write_rows(folder, rows[start : start + 10], {"config": cell.config, **(source or {})})
+        results.write_rows(
+            folder, rows[start : start + 10], {"config": cell.config, **(source or {})}
+        )
     if seconds:
         files.write_json(folder, "timing", {"seconds": list(seconds)})
     return folder
@@ -125,5 +146,7 @@ def read(root: Path, *cells: Cell, wanted: int = 200) -> list[Found]:
 
 def rows_on_disk(root: Path, cell: Cell) -> pd.DataFrame:
     """The good rows of a cell by pandas alone."""
-    table = pd.concat([pd.read_parquet(path) for path in sorted((root / cell.id).glob("part-*.parquet"))])
+    table = pd.concat(
+        [pd.read_parquet(path) for path in sorted((root / cell.id).glob("part-*.parquet"))]
+    )
     return table[table["status"] == "ok"].set_index("trial").sort_index()

@@ -38,8 +38,21 @@ def config(seed: int = 0, batch: int = 1, **extra: Any) -> dict[str, Any]:
 
 def row(trial: int, **values: Any) -> dict[str, Any]:
     """A row of a trial that went well."""
-    numbers = {"theta": 1.0, "w_obs": 500.0, "running_cost": 2.0, "terminal_cost": 1.0, "final_distance": 0.5}
-    judged = {"cost": 3.0 + trial, "collided": False, "clearance": 0.25, "ess": 8.0, "nees": 4.5, "nis": 2.25}
+    numbers = {
+        "theta": 1.0,
+        "w_obs": 500.0,
+        "running_cost": 2.0,
+        "terminal_cost": 1.0,
+        "final_distance": 0.5,
+    }
+    judged = {
+        "cost": 3.0 + trial,
+        "collided": False,
+        "clearance": 0.25,
+        "ess": 8.0,
+        "nees": 4.5,
+        "nis": 2.25,
+    }
     return {
         "trial": trial,
         "seed": 0,
@@ -54,7 +67,16 @@ def row(trial: int, **values: Any) -> dict[str, Any]:
 
 
 def failed_row(config: dict[str, Any], trial: int, status: str, error: str) -> dict[str, Any]:
-    names = ("cost", "running_cost", "terminal_cost", "clearance", "final_distance", "ess", "nees", "nis")
+    names = (
+        "cost",
+        "running_cost",
+        "terminal_cost",
+        "clearance",
+        "final_distance",
+        "ess",
+        "nees",
+        "nis",
+    )
     nothing = dict.fromkeys(names, float("nan"))
     return row(trial) | nothing | {"collided": None, "steps": 0, "status": status, "error": error}
 
@@ -98,7 +120,9 @@ def leave_marks(config: dict[str, Any], trials: Sequence[int]) -> list[int]:
     return list(trials)
 
 
-def path_and_environment(config: dict[str, Any], trials: Sequence[int]) -> tuple[list[str], dict[str, str], int]:
+def path_and_environment(
+    config: dict[str, Any], trials: Sequence[int]
+) -> tuple[list[str], dict[str, str], int]:
     """What a worker has been given."""
     return sys.path, dict(os.environ), os.getpid()
 

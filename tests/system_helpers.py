@@ -10,7 +10,13 @@ NOISE = {"distance_floor": 0.1, "distance_slope": 0.2, "bearing_floor": 0.03, "b
 
 def beacons(**changed) -> mb.Beacons:
     obstacles = mb.Obstacles(centers=[[3, 1]], radius=0.5)
-    given = {"obstacles": obstacles, "beacons": BEACONS, "anchor": ANCHOR, "turn_noise": 0.2, "speed_noise": 0.4}
+    given = {
+        "obstacles": obstacles,
+        "beacons": BEACONS,
+        "anchor": ANCHOR,
+        "turn_noise": 0.2,
+        "speed_noise": 0.4,
+    }
     return mb.Beacons(**given | NOISE | changed)
 
 
@@ -21,4 +27,6 @@ def turned(angle: np.ndarray, period: float = 2 * np.pi) -> np.ndarray:
 
 def pendulum(**changed) -> mb.Pendulum:
     given = {"obstacles": mb.Obstacles([[2.0]], 0.25), "gravity": 3.0, "damping": 0.5}
-    return mb.Pendulum(**given | {"process_noise": 0.3, "sensor_noise": 0.1, "anchor": 1.2} | changed)
+    return mb.Pendulum(
+        **given | {"process_noise": 0.3, "sensor_noise": 0.1, "anchor": 1.2} | changed
+    )

@@ -73,7 +73,9 @@ class Process:
             raise remote.SubjectError("it broke")
         if do == "prepare":
             self.made = {}
-        return json.loads(json.dumps(subject.answer(self.make, "chaser", {"do": do, **values}, self.made)))
+        return json.loads(
+            json.dumps(subject.answer(self.make, "chaser", {"do": do, **values}, self.made))
+        )
 
     def end(self):
         self.ended = True
@@ -82,12 +84,19 @@ class Process:
 def test_the_work_is_what_the_configuration_says(workload):
     (config,) = collect("controller=ce")
     problem, _, controller = build(config)
-    assert (workload["dt"], workload["steps"], workload["start"]) == (problem.dt, problem.steps, [0.9, 1.9, 0, 0])
+    assert (workload["dt"], workload["steps"], workload["start"]) == (
+        problem.dt,
+        problem.steps,
+        [0.9, 1.9, 0, 0],
+    )
     names = ("n_samples", "horizon", "temperature", "control_std")
     assert [workload[name] for name in names] == [getattr(controller, name) for name in names]
     x, u = np.array([2.0, 0.5, 1.0, -0.5]), np.array([0.3, -0.2])
     goal, width = np.array(workload["goal"]), workload["bump_width"]
-    quadratic = {key: 0.5 * np.sum(workload[key] * (x - goal) ** 2) for key in ("running_weight", "terminal_weight")}
+    quadratic = {
+        key: 0.5 * np.sum(workload[key] * (x - goal) ** 2)
+        for key in ("running_weight", "terminal_weight")
+    }
     apart = np.sum((x[:2] - np.array(workload["centers"])) ** 2, axis=1)
     np.testing.assert_allclose(problem.cost.base(x), quadratic["running_weight"], rtol=1e-6)
     np.testing.assert_allclose(problem.cost.terminal(x), quadratic["terminal_weight"], rtol=1e-6)
@@ -124,7 +133,9 @@ def test_a_subject_answers_line_by_line_and_survives_its_errors(workload):
 
 def test_timing_drives_trial_after_trial(workload):
     chaser = Chaser(workload | {"steps": 4}, "float64")
-    assert len(chaser.time(4)) == 4  # nine calls with the warm-up: two trials and one step of the third
+    assert (
+        len(chaser.time(4)) == 4
+    )  # nine calls with the warm-up: two trials and one step of the third
     assert chaser.calls == 1
     assert plant.WARM_UP == 5
 
@@ -134,7 +145,9 @@ def test_turns_are_interleaved_and_one_that_fails_is_out(workload):
     turns = []
     for name, one in subjects.items():
         ask = one.ask
-        one.ask = lambda do, name=name, ask=ask, **values: turns.append((name, do)) or ask(do, **values)
+        one.ask = lambda do, name=name, ask=ask, **values: (
+            turns.append((name, do)) or ask(do, **values)
+        )
     results = rounds.measure(subjects, workload, "float64", rounds=2, calls=3)
     rounds.end(list(subjects.values()))
     assert results["b"]["error"] == "it broke"
@@ -166,7 +179,9 @@ def test_a_process_that_does_not_answer_is_ended(tmp_path):
 
 
 def test_a_real_process_answers_though_its_library_is_missing(tmp_path, workload):
-    process = rounds.start(sys.executable, "jax_mppi_peer", "jax_mppi", rounds.one_cpu(), tmp_path / "log.txt")
+    process = rounds.start(
+        sys.executable, "jax_mppi_peer", "jax_mppi", rounds.one_cpu(), tmp_path / "log.txt"
+    )
     results = rounds.measure({"jax_mppi": process}, workload, "float32", rounds=1, calls=1)
     rounds.end([process])
     assert "No module named 'jax_mppi'" in results["jax_mppi"]["error"]
@@ -175,11 +190,14 @@ def test_a_real_process_answers_though_its_library_is_missing(tmp_path, workload
 def report(**rows):
     seconds = {name: [[ms / 1e3] * 10] * 2 for name, ms in rows.items() if not isinstance(ms, str)}
     measured = {
-        name: {"rounds": s, "nearest": 0.2, "versions": {"p": "1"}, "settings": "s"} for name, s in seconds.items()
+        name: {"rounds": s, "nearest": 0.2, "versions": {"p": "1"}, "settings": "s"}
+        for name, s in seconds.items()
     }
     failed = {name: {"rounds": [], "error": ms} for name, ms in rows.items() if isinstance(ms, str)}
     return {
-        "rows": {"float32": {name: table.summary(result) for name, result in (measured | failed).items()}},
+        "rows": {
+            "float32": {name: table.summary(result) for name, result in (measured | failed).items()}
+        },
         **{"started": "today", "commit": "abc", "dirty": True, "processor": "a", "platform": "b"},
         **{"load": (0.1, 0.2, 0.3), "rounds": 2, "calls": 10},
     }
@@ -222,7 +240,9 @@ def test_ratios_against_a_commit_come_with_their_interval():
     there[0] = [0.9] * 5
     middle, low, high = compare.ratio_interval(here, there)
     np.testing.assert_allclose((middle, low, high), (0.9, 0.9, 1.0))
-    assert "commit: gone" in compare.line("ce", "float32", {"rounds": here}, {"rounds": [], "error": "gone"})
+    assert "commit: gone" in compare.line(
+        "ce", "float32", {"rounds": here}, {"rounds": [], "error": "gone"}
+    )
 
 
 def test_contestants_are_chosen_by_name_kind_or_environment():
@@ -236,7 +256,9 @@ def test_contestants_are_chosen_by_name_kind_or_environment():
 
 
 def test_every_contestant_has_an_adapter_an_environment_and_a_floor():
-    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"][
+        "optional-dependencies"
+    ]
     names = {one.name for one in contestants.CONTESTANTS}
     for one in contestants.CONTESTANTS:
         assert (FOLDER / "subjects" / f"{one.module}.py").is_file()
@@ -244,7 +266,11 @@ def test_every_contestant_has_an_adapter_an_environment_and_a_floor():
         if one.environment:
             assert environments.requirements(one.environment)
             assert (FOLDER / "constraints" / f"{one.environment}.txt").is_file()
-    used = {f"bench-{(one.environment or '').replace('_', '-')}" for one in contestants.CONTESTANTS if one.environment}
+    used = {
+        f"bench-{(one.environment or '').replace('_', '-')}"
+        for one in contestants.CONTESTANTS
+        if one.environment
+    }
     assert used == {name for name in extras if name.startswith("bench-")}
 
 
@@ -264,7 +290,10 @@ def test_what_cannot_be_installed_is_said_in_one_line(monkeypatch):
 def test_peers_run_with_one_thread_and_this_process_is_left_alone():
     before = dict(os.environ)
     threads = control_step.threads_of_peers()
-    assert threads["OMP_NUM_THREADS"] == "1" or before.get("OMP_NUM_THREADS") == threads["OMP_NUM_THREADS"]
+    assert (
+        threads["OMP_NUM_THREADS"] == "1"
+        or before.get("OMP_NUM_THREADS") == threads["OMP_NUM_THREADS"]
+    )
     assert "xla_cpu_multi_thread_eigen" in threads["XLA_FLAGS"]
     assert dict(os.environ) == before
 
@@ -282,10 +311,15 @@ def test_what_goes_beyond_the_paper_stands_beside_what_it_replaces():
         "load": [1.0],
         "rounds": 3,
     }
-    text = beyond.markdown({**origin, "milliseconds": {name: 0.5 + (name == "UKF, beacons") for name in names}})
+    text = beyond.markdown(
+        {**origin, "milliseconds": {name: 0.5 + (name == "UKF, beacons") for name in names}}
+    )
     assert "| EKF, beacons | update | 0.500 |  |" in text
     assert "| UKF, beacons | update | 1.500 | 3.00 EKF, beacons |" in text
-    assert "now, commit unknown (changed); p, q; load average before 1.00; 3 rounds of 60 calls" in text
+    assert (
+        "now, commit unknown (changed); p, q; load average before 1.00; 3 rounds of 60 calls"
+        in text
+    )
 
 
 def test_a_row_calls_what_it_names_at_every_step_of_a_trial(monkeypatch):

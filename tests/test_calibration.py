@@ -29,7 +29,10 @@ def test_the_reference_as_a_candidate_is_the_reference_as_a_study(scenario):
     for config in collect("experiment=reference_scenario", f"seed={scenario.SEED}"):
         (base,) = collect(f"controller={config['names']['controller']}", f"seed={scenario.SEED}")
         candidate = scenario.configure(base, scenario.REFERENCE)
-        assert all(candidate[group] == config[group] for group in ("system", "problem", "cost", "filter", "controller"))
+        assert all(
+            candidate[group] == config[group]
+            for group in ("system", "problem", "cost", "filter", "controller")
+        )
 
 
 def test_every_open_number_reaches_the_configuration(scenario):
@@ -44,7 +47,9 @@ def test_every_open_number_reaches_the_configuration(scenario):
 def test_the_open_numbers_are_those_that_the_report_lists(scenario):
     (base,) = collect("controller=belief")
     first, other = (
-        scenario.configure(base, {name: value * factor for name, value in scenario.REFERENCE.items()})
+        scenario.configure(
+            base, {name: value * factor for name, value in scenario.REFERENCE.items()}
+        )
         for factor in (1, 2)
     )
     changed = {
@@ -63,10 +68,14 @@ def test_the_log_is_whole_and_within_the_ranges(scenario):
     finished = [row for row in rows if row["state"] == "complete"]
     for row in finished:
         found = {
-            method: scenario.Measured(*(float(row[f"{method}_{name}"]) for name in scenario.Measured._fields))
+            method: scenario.Measured(
+                *(float(row[f"{method}_{name}"]) for name in scenario.Measured._fields)
+            )
             for method in scenario.METHODS
         }
-        loss = sum(z * z for method, values in found.items() for z in scenario.deviations(method, values))
+        loss = sum(
+            z * z for method, values in found.items() for z in scenario.deviations(method, values)
+        )
         np.testing.assert_allclose(float(row["loss"]), loss, rtol=0.02, atol=0.1)
         for name, (low, high, _) in scenario.OPEN.items():
             assert low * 0.999 <= float(row[name]) <= high * 1.001

@@ -56,7 +56,9 @@ def row_of(config: dict[str, Any]) -> dict[str, Any]:
 
 def another(config: dict[str, Any]) -> dict[str, Any]:
     """A cell that has no number in common with this one but its sizes."""
-    other = config | {group: moved(config[group]) for group in GROUPS} | {"seed": config["seed"] + 1}
+    other = (
+        config | {group: moved(config[group]) for group in GROUPS} | {"seed": config["seed"] + 1}
+    )
     assert other["system"]["obstacles"]["centers"] != config["system"]["obstacles"]["centers"]
     return other
 

@@ -37,7 +37,9 @@ def quick() -> Iterator[None]:
 
 def needs(group: str, option: str) -> dict[str, str]:
     """Other options that this one's yaml asks for."""
-    found = re.search(r"^# needs: (.+)$", (CONF / group / f"{option}.yaml").read_text(), re.MULTILINE)
+    found = re.search(
+        r"^# needs: (.+)$", (CONF / group / f"{option}.yaml").read_text(), re.MULTILINE
+    )
     return dict(pair.split("=") for pair in found[1].split()) if found else {}
 
 
@@ -66,14 +68,19 @@ def built(system: str) -> Experiment:
 def states(experiment: Experiment) -> np.ndarray:
     """A few states around the prior and the goal."""
     rng = np.random.default_rng(1)
-    ends = np.stack([np.asarray(experiment.problem.prior_mean), np.asarray(experiment.problem.cost.goal)])
+    ends = np.stack(
+        [np.asarray(experiment.problem.prior_mean), np.asarray(experiment.problem.cost.goal)]
+    )
     return rng.permutation(np.repeat(ends, 3, axis=0)) + rng.normal(size=(6, ends.shape[1]))
 
 
 def differences(function: Any, x: np.ndarray) -> np.ndarray:
     """The Jacobian by central differences."""
     steps = STEP * np.eye(len(x))
-    return np.stack([(np.asarray(function(x + h)) - np.asarray(function(x - h))) / (2 * STEP) for h in steps], axis=-1)
+    return np.stack(
+        [(np.asarray(function(x + h)) - np.asarray(function(x - h))) / (2 * STEP) for h in steps],
+        axis=-1,
+    )
 
 
 def test_every_group_has_options():
@@ -81,9 +88,13 @@ def test_every_group_has_options():
     assert {path.name for path in CONF.iterdir() if path.is_dir()} >= set(GROUPS)
 
 
-@pytest.mark.parametrize("path", sorted(CONF.rglob("*.yaml")), ids=lambda path: f"{path.parent.name}/{path.stem}")
+@pytest.mark.parametrize(
+    "path", sorted(CONF.rglob("*.yaml")), ids=lambda path: f"{path.parent.name}/{path.stem}"
+)
 def test_every_number_says_where_it_comes_from(path):
-    text = re.sub(r"^( *)\S+: \|\n(?:\1 +.*\n|\n)*", "", path.read_text(), flags=re.MULTILINE)  # literal blocks
+    text = re.sub(
+        r"^( *)\S+: \|\n(?:\1 +.*\n|\n)*", "", path.read_text(), flags=re.MULTILINE
+    )  # literal blocks
     for line in text.splitlines():
         value, _, comment = line.partition("#")
         if NUMBER.search(value.partition(":")[2] or value):
@@ -100,8 +111,12 @@ def test_a_system_and_its_cost_have_all_functions(system):
 
 
 def test_every_cost_is_brought_by_a_system_or_says_which_it_needs():
-    brought = {configured("system", system, system)["names"]["cost"] for system in OPTIONS["system"]}
-    assert brought | {cost for cost in OPTIONS["cost"] if "system" in needs("cost", cost)} == set(OPTIONS["cost"])
+    brought = {
+        configured("system", system, system)["names"]["cost"] for system in OPTIONS["system"]
+    }
+    assert brought | {cost for cost in OPTIONS["cost"] if "system" in needs("cost", cost)} == set(
+        OPTIONS["cost"]
+    )
 
 
 @pytest.mark.parametrize("system", OPTIONS["system"])
@@ -124,7 +139,9 @@ def test_gradients_of_a_cost_match_finite_differences(name, system):
     with float64():
         for x in states(experiment):
             slope = differences(function, x)
-            np.testing.assert_allclose(jax.grad(function)(jnp.asarray(x)), slope, atol=1e-5, rtol=1e-6)
+            np.testing.assert_allclose(
+                jax.grad(function)(jnp.asarray(x)), slope, atol=1e-5, rtol=1e-6
+            )
 
 
 @pytest.mark.parametrize("system", OPTIONS["system"])
@@ -171,7 +188,9 @@ class TestPairs:
         assert repr(again) == repr(parts)
         check(config)
 
-    def test_a_short_loop_is_finite_and_the_same_key_gives_the_same_bits(self, group, option, system):
+    def test_a_short_loop_is_finite_and_the_same_key_gives_the_same_bits(
+        self, group, option, system
+    ):
         config = configured(group, option, system)
         parts, batch, again = build(config), run_trials(config, [0, 1]), run_trials(config, [1])
         for row in batch.rows:

@@ -8,7 +8,9 @@ import pytest
 from mppi_belief.results.certificate import NAMES
 
 ROOT = Path(__file__).resolve().parents[1]
-DOCUMENTS = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), *(ROOT / "experiments").rglob("*.md")])
+DOCUMENTS = sorted(
+    [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), *(ROOT / "experiments").rglob("*.md")]
+)
 
 
 @pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: str(path.relative_to(ROOT)))
@@ -19,9 +21,13 @@ def test_relative_links_lead_somewhere(document):
 
 
 def test_every_certificate_is_named_wherever_certificates_are():
-    modules = {path.stem for path in (ROOT / "src/mppi_belief/verify/certificates").glob("[!_]*.py")}
+    modules = {
+        path.stem for path in (ROOT / "src/mppi_belief/verify/certificates").glob("[!_]*.py")
+    }
     assert modules == set(NAMES)
-    theory, paper_map = ((ROOT / "docs" / name).read_text() for name in ("theory.md", "paper_map.md"))
+    theory, paper_map = (
+        (ROOT / "docs" / name).read_text() for name in ("theory.md", "paper_map.md")
+    )
     for name in NAMES:
         assert f"| `{name}` |" in theory
         assert f"`{name}`" in paper_map

@@ -57,11 +57,12 @@ def test_other_names_are_refused_as_modules_do():
 
 
 def test_importing_the_package_loads_neither_jax_nor_hydra(tmp_path):
-    code = (
-        "import sys, mppi_belief; print([name for name in ('jax', 'numpy', 'hydra', 'pandas') if name in sys.modules])"
-    )
+    code = "import sys, mppi_belief; print([name for name in ('jax', 'numpy', 'hydra', 'pandas') if name in sys.modules])"
     assert python(code, tmp_path) == "[]"
-    assert python("import sys, mppi_belief; mppi_belief.EKF; print('hydra' in sys.modules)", tmp_path) == "False"
+    assert (
+        python("import sys, mppi_belief; mppi_belief.EKF; print('hydra' in sys.modules)", tmp_path)
+        == "False"
+    )
 
 
 def test_no_module_hides_a_public_name():
@@ -74,7 +75,9 @@ def test_no_module_hides_a_public_name():
 
 
 def test_the_example_of_the_package_runs(capsys):
-    blocks = [textwrap.dedent(block) for block in mb.__doc__.split("\n\n") if block.startswith("    ")]
+    blocks = [
+        textwrap.dedent(block) for block in mb.__doc__.split("\n\n") if block.startswith("    ")
+    ]
     names: dict[str, object] = {}
     exec("\n".join(blocks), names)
     assert names["trial"].states.shape == (61, 4)
@@ -85,7 +88,13 @@ def test_the_example_of_the_package_runs(capsys):
 
 @pytest.mark.parametrize("setting", GOLDEN)
 def test_the_numbers_are_those_of_this_version(setting):
-    small = ["planner.n_samples=32", "planner.horizon=8", "problem.steps=20", "precision=float64", "seed=1"]
+    small = [
+        "planner.n_samples=32",
+        "planner.horizon=8",
+        "problem.steps=20",
+        "precision=float64",
+        "seed=1",
+    ]
     batch = run_trials(compose(*setting, *small), range(3))
     columns = [name for name in Metrics._fields if name != "collided"]
     found = [[row[name] for name in columns] for row in batch.rows]

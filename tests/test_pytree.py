@@ -68,7 +68,9 @@ def test_a_bad_value_is_refused_by_name(field, value, reason):
 
 
 def test_values_are_converted_once_and_for_all():
-    made = thermostat(gain=np.float32(3), limit=np.asarray(2), weights=(1, 2), count=np.int64(7), offset=1)
+    made = thermostat(
+        gain=np.float32(3), limit=np.asarray(2), weights=(1, 2), count=np.int64(7), offset=1
+    )
     assert type(made.gain) is type(made.limit) is type(made.offset) is float
     assert type(made.count) is int
     assert isinstance(made.weights, np.ndarray)
@@ -120,8 +122,12 @@ def test_jit_traces_once_for_all_numbers_and_again_for_a_size_or_choice():
 
 
 def test_vmap_and_grad_go_through_a_struct():
-    stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), *[thermostat(gain=g) for g in (1.0, 2.0, 3.0)])
-    np.testing.assert_allclose(jax.vmap(lambda made: made.output(jnp.ones(2)))(stacked), [12, 24, 36])
+    stacked = jax.tree.map(
+        lambda *leaves: jnp.stack(leaves), *[thermostat(gain=g) for g in (1.0, 2.0, 3.0)]
+    )
+    np.testing.assert_allclose(
+        jax.vmap(lambda made: made.output(jnp.ones(2)))(stacked), [12, 24, 36]
+    )
     slope = jax.grad(lambda made: made.output(jnp.ones(2)))(thermostat())
     assert slope.gain == 12
     np.testing.assert_allclose(slope.weights, [4, 4])
@@ -132,7 +138,9 @@ def test_traced_values_pass_unchecked():
     assert made == -12
 
 
-@pytest.mark.parametrize("duplicate", [copy.deepcopy, lambda made: pickle.loads(pickle.dumps(made))])
+@pytest.mark.parametrize(
+    "duplicate", [copy.deepcopy, lambda made: pickle.loads(pickle.dumps(made))]
+)
 def test_copies_and_pickles_are_equal(duplicate):
     problem = light_dark_problem()
     again = duplicate(problem)

@@ -18,13 +18,20 @@ TINY = float(np.finfo(np.float32).eps)
 
 
 @pytest.mark.parametrize(
-    ("system", "method"), [("light_dark", "belief"), ("light_dark", "belief, laplace"), ("linear_3_2_2", "algorithm_1")]
+    ("system", "method"),
+    [("light_dark", "belief"), ("light_dark", "belief, laplace"), ("linear_3_2_2", "algorithm_1")],
 )
 def test_covariances_weights_and_controls_hold_in_random_scenarios(system, method):
     (_, _, found), *_ = random_scenarios.studied(system, 120, 1, [method], "float32")
-    bad = {name: np.flatnonzero(wrong) for name, wrong in random_scenarios.violations(found, "float32").items()}
+    bad = {
+        name: np.flatnonzero(wrong)
+        for name, wrong in random_scenarios.violations(found, "float32").items()
+    }
     assert all(len(scenarios) == 0 for scenarios in bad.values()), bad
-    said = [divergence(*jax.tree.map(lambda a, i=i: a[i], (found.metrics, found.trial))) for i in range(120)]
+    said = [
+        divergence(*jax.tree.map(lambda a, i=i: a[i], (found.metrics, found.trial)))
+        for i in range(120)
+    ]
     names = random_scenarios.lost(found)
     assert [text is not None for text in said] == (names != "").tolist()
     assert np.all(np.isfinite(found.trial.controls[names == ""]))
@@ -39,7 +46,9 @@ def test_two_measurements_of_a_rank_one_belief_a_million_times_their_noise_in_fl
     with float64():
         exact = 1 / (1 / 1 + np.sum((C @ root / noise) ** 2))
     cov = jnp.asarray(np.outer(root, root), jnp.float32)
-    after, K, moves = quick_jit(belief.absorb)(semidefinite_root(cov), jnp.asarray(C), jnp.diag(noise**2))
+    after, K, moves = quick_jit(belief.absorb)(
+        semidefinite_root(cov), jnp.asarray(C), jnp.diag(noise**2)
+    )
     found = np.asarray(gaussians.covariance(after), float)
     values = np.linalg.eigvalsh(found)
     assert values[0] >= -9 * TINY * values[-1]
@@ -53,7 +62,9 @@ def test_a_step_that_takes_a_large_variance_away_keeps_the_small_one_beside_it()
     small = 1e-3
     root = np.array([[1.0, small], [1.0, 0.0]], np.float32) * 1e3
     after = np.asarray(triangular_root(jnp.array([[1.0, -1.0], [0.0, 1.0]]) @ root), float)
-    np.testing.assert_allclose(after @ after.T, [[(1e3 * small) ** 2, 0], [0, 1e6]], rtol=1e-6, atol=1)
+    np.testing.assert_allclose(
+        after @ after.T, [[(1e3 * small) ** 2, 0], [0, 1e6]], rtol=1e-6, atol=1
+    )
 
 
 @pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
@@ -81,7 +92,9 @@ def test_decorrelated_noise_is_diagonal(x64, rng):
     half = rng.normal(size=(4, 4))
     T, r = decorrelated(jnp.eye(4), jnp.asarray(half @ half.T))
     M = rng.normal(size=(4, 3))
-    np.testing.assert_allclose(decorrelated(jnp.asarray(M), jnp.asarray(half @ half.T))[0], T @ M, atol=1e-11)
+    np.testing.assert_allclose(
+        decorrelated(jnp.asarray(M), jnp.asarray(half @ half.T))[0], T @ M, atol=1e-11
+    )
     np.testing.assert_allclose(T @ half @ half.T @ T.T, np.diag(np.array(r)), atol=1e-12)
     np.testing.assert_array_equal(np.triu(T), np.eye(4))
     np.testing.assert_allclose(np.prod(np.array(r)), np.linalg.det(half) ** 2, rtol=1e-10)
@@ -107,13 +120,18 @@ def test_a_step_without_one_finite_path_leaves_the_plan_alone_and_the_trial_says
         trial = quick_jit(lambda: mb.simulate_trial(problem, mb.EKF(), controller, 0, 0))()
         judged = quick_jit(mb.metrics)(problem, trial)
     np.testing.assert_array_equal(trial.controls, 0)
-    assert divergence(judged, trial) == "the cost of every sampled path of a step left the finite numbers"
+    assert (
+        divergence(judged, trial)
+        == "the cost of every sampled path of a step left the finite numbers"
+    )
 
 
 @pytest.mark.parametrize("part", ["mean", "cov", "controls", "none"])
 def test_a_trial_whose_belief_or_control_is_lost_says_so(part):
     problem = light_dark_problem(steps=2)
-    trial = jax.device_get(quick_jit(lambda: mb.simulate_trial(problem, mb.EKF(), Feedback(0.5), 0, 0))())
+    trial = jax.device_get(
+        quick_jit(lambda: mb.simulate_trial(problem, mb.EKF(), Feedback(0.5), 0, 0))()
+    )
     judged = quick_jit(mb.metrics)(problem, trial)
     hole = {name: np.full_like(values, np.nan) for name, values in trial.beliefs._asdict().items()}
     if part == "controls":

@@ -25,7 +25,13 @@ from scaling.processes import CommandError, Ended  # noqa: E402
 from scaling.sizes import QUICK, Sizes  # noqa: E402
 
 SOURCE = {
-    **{"started": "today", "commit": "0123456789abcdef", "dirty": True, "processor": "a", "platform": "b"},
+    **{
+        "started": "today",
+        "commit": "0123456789abcdef",
+        "dirty": True,
+        "processor": "a",
+        "platform": "b",
+    },
     **{"versions": {"jax": "1"}, "load": (0.5, 0.25, 0.125)},
 }
 
@@ -58,8 +64,13 @@ class Planner:
         if self.name in self.fails:
             raise SubjectError("out of memory")
         if do == "time":
-            first = self.asked.count("time") == 3  # after one for the program and one for what else is compiled
-            return {"seconds": [2e-9 * 30 * int(self.name.partition("-")[2]) + 1e-3 * first] * values["calls"]}
+            first = (
+                self.asked.count("time") == 3
+            )  # after one for the program and one for what else is compiled
+            return {
+                "seconds": [2e-9 * 30 * int(self.name.partition("-")[2]) + 1e-3 * first]
+                * values["calls"]
+            }
         return {}
 
     def end(self):
@@ -103,14 +114,22 @@ def test_the_machines_own_efficiency_is_that_of_steps_alone_and_at_once(monkeypa
     class Pair(Planner):
         def ask(self, do, **values):
             busy.append(self.name)
-            return {"seconds": [2.0, 4.0] if len(busy) % 3 == 0 else [1.0, 2.0]} if do == "time" else {}
+            return (
+                {"seconds": [2.0, 4.0] if len(busy) % 3 == 0 else [1.0, 2.0]}
+                if do == "time"
+                else {}
+            )
 
     busy, cpus = [], []
     monkeypatch.setattr(table_1.os, "sched_getaffinity", lambda pid: {0, 1, 2})
     monkeypatch.setattr(table_1, "workload", lambda: {"steps": 60})
     monkeypatch.setattr(table_1, "TURNS", 3)
-    monkeypatch.setattr(rounds, "start", lambda python, module, name, cpu, log: cpus.append(cpu) or Pair(name))
-    busy.extend(["", ""])  # two questions to each before the turns: of a turn's three the last is the slow one
+    monkeypatch.setattr(
+        rounds, "start", lambda python, module, name, cpu, log: cpus.append(cpu) or Pair(name)
+    )
+    busy.extend(
+        ["", ""]
+    )  # two questions to each before the turns: of a turn's three the last is the slow one
     assert table_1.machine_efficiency(tmp_path) == 0.5
     assert cpus == [1, 2]
     monkeypatch.setattr(table_1.os, "sched_getaffinity", lambda pid: {0})
@@ -144,13 +163,17 @@ def test_cost_of_a_sample_step_and_one_that_fails(monkeypatch, tmp_path):
     assert samples.spread([2.0, 1.0, 1.5]) == 2
     assert samples.fixed_ms([{"n": 10, "median_ms": 7.0}, {"n": 100, "median_ms": 20.0}]) == 5
     nothing = {"rows": [], "spread": samples.spread([]), "fixed_ms": samples.fixed_ms([])}
-    assert "unknown (CE-MPPI)" in samples.markdown({"horizon": 30, "ce": nothing, "belief": nothing})
+    assert "unknown (CE-MPPI)" in samples.markdown(
+        {"horizon": 30, "ce": nothing, "belief": nothing}
+    )
 
 
 def test_a_process_that_had_to_compile_is_started_again(monkeypatch, tmp_path):
     started, kept = [], iter(range(100))
     monkeypatch.setattr(samples, "workload", lambda: {"steps": 60, "horizon": 30})
-    monkeypatch.setattr(rounds, "start", lambda *args: started.append(Planner(args[2])) or started[-1])
+    monkeypatch.setattr(
+        rounds, "start", lambda *args: started.append(Planner(args[2])) or started[-1]
+    )
     monkeypatch.setattr(samples, "programs", lambda cache: next(kept))
     samples.measure(QUICK, tmp_path)
     assert [one.name for one in started[4:]] == [one.name for one in started[:4]]
@@ -172,8 +195,18 @@ def test_growth_counts_from_the_first_trials_to_the_last(tmp_path):
         mb = {"parent": parent} | ({} if worker is None else {"worker 1": worker})
         return long_run.Look(seconds, trials, trials // 50, mb)
 
-    looks = [look(0, 0, 90, None), look(1, 50, 100, 300), look(2, 100, 110, 310), look(3, 200, 115, 350)]
-    looks += [look(3.5, 200, 115, 350), look(6, 250, 114, 340), look(7, 300, 113, 320), look(9, 300, 190, None)]
+    looks = [
+        look(0, 0, 90, None),
+        look(1, 50, 100, 300),
+        look(2, 100, 110, 310),
+        look(3, 200, 115, 350),
+    ]
+    looks += [
+        look(3.5, 200, 115, 350),
+        look(6, 250, 114, 340),
+        look(7, 300, 113, 320),
+        look(9, 300, 190, None),
+    ]
     found = stored(long_run.judged(looks, QUICK))
     assert found["memory"] == {
         "parent": {"first_mb": 110, "last_mb": 114, "growth_mb": 5},
@@ -197,7 +230,11 @@ def test_a_part_files_name_tells_its_trials(tmp_path):
 def test_a_sweeps_phases_by_the_times_of_its_files_and_its_programs(monkeypatch, tmp_path):
     def run(args, folder, env):
         words = dict(arg.partition("=")[::2] for arg in args[2:])
-        cells = [f"{theta}-{w_obs}" for theta in words["theta"].split(",") for w_obs in words["w_obs"].split(",")]
+        cells = [
+            f"{theta}-{w_obs}"
+            for theta in words["theta"].split(",")
+            for w_obs in words["w_obs"].split(",")
+        ]
         assert len(set(cells)) == len(cells)
         for k, cell in enumerate(cells):
             write_part(folder / "results" / cell, [0, 1], 1000 + 4 + k)
@@ -211,9 +248,14 @@ def test_a_sweeps_phases_by_the_times_of_its_files_and_its_programs(monkeypatch,
         return Ended(1000.0, 3 + 3 * len(cells) + 0.5 * len(cells))
 
     monkeypatch.setattr(sweep, "run", run)
-    for programs, said in ((3, "for 2 cells, 3, are all that the others need"), (5, "not all: 6 cells needed 5")):
+    for programs, said in (
+        (3, "for 2 cells, 3, are all that the others need"),
+        (5, "not all: 6 cells needed 5"),
+    ):
         numbers = stored(sweep.measure(QUICK, tmp_path / str(programs)))
-        np.testing.assert_allclose(list(numbers["ms_per_cell"].values()), [0, 1000, 2000, 500, 3500])
+        np.testing.assert_allclose(
+            list(numbers["ms_per_cell"].values()), [0, 1000, 2000, 500, 3500]
+        )
         text = sweep.markdown(numbers)
         assert said in text
         assert "| the Time column | 2000 |" in text
@@ -231,7 +273,12 @@ def test_start_up_takes_turns_and_medians(monkeypatch, tmp_path):
     assert len(ran) == 1 + 4 * 3
     assert ran[1:5] != ran[5:9]
     assert len({line for line in ran if "fresh" in line}) == 3
-    assert numbers["median"] == {"--help": 6, "run --help": 7, "run, 2 trials": 8, "run, all done": 9}
+    assert numbers["median"] == {
+        "--help": 6,
+        "run --help": 7,
+        "run, 2 trials": 8,
+        "run, all done": 9,
+    }
     assert "| run, 2 trials | 8.00 |" in start_up.markdown(numbers)
 
 

@@ -18,12 +18,19 @@ MODEL = reference.light_dark(sampled=True, dt=DT)
 
 
 @quick_jit
-def trials(problem: mb.Problem, controller: mb.Controller, seed: Array | int, numbers: Array) -> mb.Trial:
-    return jax.vmap(lambda number: mb.simulate_trial(problem, mb.EKF(), controller, seed, number))(numbers)
+def trials(
+    problem: mb.Problem, controller: mb.Controller, seed: Array | int, numbers: Array
+) -> mb.Trial:
+    return jax.vmap(lambda number: mb.simulate_trial(problem, mb.EKF(), controller, seed, number))(
+        numbers
+    )
 
 
 def run(
-    problem: mb.Problem, controller: mb.Controller, seed: int = 0, numbers: tuple[int, ...] = (0, 1, 2)
+    problem: mb.Problem,
+    controller: mb.Controller,
+    seed: int = 0,
+    numbers: tuple[int, ...] = (0, 1, 2),
 ) -> mb.Trial:
     return jax.tree.map(np.asarray, trials(problem, controller, seed, jnp.array(numbers)))
 
@@ -62,7 +69,9 @@ def test_trials_and_seeds_differ(problem, x64):
 
 
 def test_a_trials_noise_does_not_depend_on_the_other_trials(problem, x64):
-    one, other = (run(problem, Feedback(1.0), numbers=numbers) for numbers in ((3, 4, 5), (0, 3, 7)))
+    one, other = (
+        run(problem, Feedback(1.0), numbers=numbers) for numbers in ((3, 4, 5), (0, 3, 7))
+    )
     np.testing.assert_allclose(one.states[0], other.states[1], rtol=1e-12)
 
 
@@ -78,7 +87,12 @@ def test_common_random_numbers_whatever_the_controller(problem, x64):
 
 
 def test_roles_have_keys_of_their_own():
-    keys = [jax.random.key_data(role_key(s, t, r)) for s in (0, 1) for t in (0, 1) for r in (PLANT, FILTER, PLANNER)]
+    keys = [
+        jax.random.key_data(role_key(s, t, r))
+        for s in (0, 1)
+        for t in (0, 1)
+        for r in (PLANT, FILTER, PLANNER)
+    ]
     assert len({tuple(np.asarray(k).tolist()) for k in keys}) == 12
 
 
@@ -91,7 +105,9 @@ def test_plant_noise_has_the_distribution_of_the_model(problem, x64):
     expected = np.diag([0.3**2 * DT, 0.3**2 * DT, 1, 1])
     assert_covariance(np.hstack([process[:, 2:], sensor]), expected)
     # and white: the noise of one step says nothing of the next
-    pairs = np.concatenate([residuals(trial)[1][:, :-1], residuals(trial)[1][:, 1:]], axis=-1).reshape(-1, 4)
+    pairs = np.concatenate(
+        [residuals(trial)[1][:, :-1], residuals(trial)[1][:, 1:]], axis=-1
+    ).reshape(-1, 4)
     assert_covariance(pairs, np.eye(4))
 
 
@@ -103,7 +119,10 @@ def test_one_step_of_the_plant_follows_the_noise_convention(convention, x64):
     after, y = step(jax.random.split(jax.random.key(2), 20_000))
     assert_mean(after, [3.1, 0.4, 1.2, -1.0])
     deviation = 1.9 / np.sqrt(2) + 0.1
-    assert_covariance(np.asarray(y - after[:, :2]), deviation**2 / (1 if convention == "sample" else DT) * np.eye(2))
+    assert_covariance(
+        np.asarray(y - after[:, :2]),
+        deviation**2 / (1 if convention == "sample" else DT) * np.eye(2),
+    )
 
 
 def test_initial_states_are_drawn_from_the_prior(problem, x64):
@@ -134,12 +153,16 @@ def test_beliefs_start_at_the_prior_and_follow_the_filter(problem, x64):
 
 def test_metrics_equal_a_recomputation(problem, x64):
     trial = run(problem, Feedback(0.7))
-    found = jax.tree.map(np.asarray, quick_jit(jax.vmap(lambda one: mb.metrics(problem, one)))(trial))
+    found = jax.tree.map(
+        np.asarray, quick_jit(jax.vmap(lambda one: mb.metrics(problem, one)))(trial)
+    )
     goal, Q = np.array([7.0, 0, 0, 0]), np.diag([1.5, 1.5, 0.6, 0.6])
     Q_T, R = np.diag([5, 5, 0.15, 0.15]), 0.035 * np.eye(2)
     for i in range(3):
         x, u = trial.states[i], trial.controls[i]
-        running = sum(0.5 * ((x[k] - goal) @ Q @ (x[k] - goal) + u[k] @ R @ u[k]) * DT for k in range(STEPS))
+        running = sum(
+            0.5 * ((x[k] - goal) @ Q @ (x[k] - goal) + u[k] @ R @ u[k]) * DT for k in range(STEPS)
+        )
         terminal = 0.5 * (x[-1] - goal) @ Q_T @ (x[-1] - goal)
         clearance = min(np.linalg.norm(p - c) for p in x[:, :2] for c in np.array(CENTERS)) - 0.65
         expected = [
@@ -150,7 +173,9 @@ def test_metrics_equal_a_recomputation(problem, x64):
             clearance,
             np.linalg.norm(x[-1, :2] - [7, 0]),
         ]
-        np.testing.assert_allclose([part[i] for part in found][:6], np.array(expected, dtype=float), rtol=1e-12)
+        np.testing.assert_allclose(
+            [part[i] for part in found][:6], np.array(expected, dtype=float), rtol=1e-12
+        )
         assert found.ess[i] == 1
 
 
@@ -172,20 +197,24 @@ def test_a_collision_at_any_state_counts_the_first_and_last_included(touched, pr
 def judge(problem: mb.Problem, states: np.ndarray, radius: float) -> mb.Metrics:
     system = replace(problem.system, obstacles=mb.Obstacles(CENTERS, radius))
     rest = jnp.zeros((STEPS, 2))
-    trial = mb.Trial(states, mb.Belief(states, states), controls=rest, measurements=rest, ess=jnp.ones(STEPS))
+    trial = mb.Trial(
+        states, mb.Belief(states, states), controls=rest, measurements=rest, ess=jnp.ones(STEPS)
+    )
     return mb.metrics(replace(problem, system=system), trial)
 
 
 def test_costs_leave_the_obstacle_penalty_out(problem, x64):
     trial = jax.tree.map(lambda leaf: leaf[0], run(problem, Feedback(1.0)))
     light, heavy = (
-        judge(light_dark_problem(cost={"w_obs": w}, steps=STEPS), trial.states, 0.65).cost for w in (0, 1e4)
+        judge(light_dark_problem(cost={"w_obs": w}, steps=STEPS), trial.states, 0.65).cost
+        for w in (0, 1e4)
     )
     assert light == heavy
 
 
 def test_a_longer_trial_goes_on_from_a_shorter_one():
     short, long = (
-        mb.simulate_trial(light_dark_problem(steps=steps), mb.EKF(), Feedback(0.1), 0, 0) for steps in (3, 6)
+        mb.simulate_trial(light_dark_problem(steps=steps), mb.EKF(), Feedback(0.1), 0, 0)
+        for steps in (3, 6)
     )
     np.testing.assert_array_equal(long.states[:4], short.states)

@@ -45,7 +45,9 @@ def test_the_notebook_runs_from_its_folder(monkeypatch, capsys):
     names: dict[str, object] = {}
     for cell in notebook["cells"]:
         if cell["cell_type"] == "code":
-            assert (cell["outputs"], cell["execution_count"]) == ([], None), "commit it without output"
+            assert (cell["outputs"], cell["execution_count"]) == ([], None), (
+                "commit it without output"
+            )
             exec("".join(cell["source"]), names)
     said = capsys.readouterr().out.splitlines()
     assert [line.split()[0] for line in said] == ["MPPI-Belief", "CE-MPPI"]

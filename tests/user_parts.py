@@ -143,8 +143,14 @@ class Constant:
     def init(self, problem: mb.Problem) -> Array:
         return jnp.zeros(())
 
-    def act(self, problem: mb.Problem, belief: mb.Belief, plan: Array, key: Array) -> tuple[Array, Array, Any]:
+    def act(
+        self, problem: mb.Problem, belief: mb.Belief, plan: Array, key: Array
+    ) -> tuple[Array, Array, Any]:
         if self.wrong == "raises":
             raise RuntimeError("no plan survives\nthe first step")
         n_controls = len(problem.cost.R) + (self.wrong == "shape")
-        return jnp.full(n_controls, self.value), plan, None if self.wrong == "info" else Info(jnp.ones(()))
+        return (
+            jnp.full(n_controls, self.value),
+            plan,
+            None if self.wrong == "info" else Info(jnp.ones(())),
+        )

@@ -50,7 +50,10 @@ def measure(sizes: Sizes, folder: Path) -> dict[str, Any]:
     """Milliseconds of wall and processor time for each chunk, by executor: medians of interleaved rounds."""
     environment.prepare()
     setup = Setup([str(Path(__file__).resolve().parents[1])], {})
-    made = {kind: executors.workers(node, WORKERS, setup, environment.in_force()) for kind, node in KINDS.items()}
+    made = {
+        kind: executors.workers(node, WORKERS, setup, environment.in_force())
+        for kind, node in KINDS.items()
+    }
     try:
         for workers in made.values():
             timed(workers, WORKERS)  # starts them
@@ -62,18 +65,27 @@ def measure(sizes: Sizes, folder: Path) -> dict[str, Any]:
     finally:
         for workers in made.values():
             workers.close()
-    middle = {kind: [statistics.median(column) for column in zip(*took, strict=True)] for kind, took in found.items()}
-    return {kind: {"wall_ms": wall, "cpu_ms": cpu} for kind, (wall, cpu) in middle.items()} | {"chunks": sizes.chunks}
+    middle = {
+        kind: [statistics.median(column) for column in zip(*took, strict=True)]
+        for kind, took in found.items()
+    }
+    return {kind: {"wall_ms": wall, "cpu_ms": cpu} for kind, (wall, cpu) in middle.items()} | {
+        "chunks": sizes.chunks
+    }
 
 
-def timed(workers: Workers, count: int, clock: Callable[[], float] = time.perf_counter) -> tuple[float, float]:
+def timed(
+    workers: Workers, count: int, clock: Callable[[], float] = time.perf_counter
+) -> tuple[float, float]:
     """Wall and processor time of each of `count` chunks (ms), of cells of their own: the pool would join others."""
     config: dict[str, Any] = {key: {} for key in IDENTITY}
     config |= {"names": {"controller": "none"}, "precision": "float32", "platform": "cpu"}
     cells = [Cell(config | {"seed": seed, "batch": 1}) for seed in range(count)]
     wall, cpu = clock(), time.process_time()
     trials = tuple(range(TRIALS))
-    ended = sum(1 for _ in Pool(nothing, workers, rounds.say).run([Chunk(cell, trials) for cell in cells]))
+    ended = sum(
+        1 for _ in Pool(nothing, workers, rounds.say).run([Chunk(cell, trials) for cell in cells])
+    )
     if ended != count * TRIALS:
         raise RuntimeError(f"{ended} of {count * TRIALS} trials came back")
     return 1e3 * (clock() - wall) / count, 1e3 * (time.process_time() - cpu) / count

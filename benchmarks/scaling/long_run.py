@@ -35,11 +35,21 @@ def measure(sizes: Sizes, folder: Path) -> dict[str, Any]:
 
     def look(pid: int) -> None:
         trials = [trials_in(path.name) for path in results.glob("*/part-*.parquet")]
-        pids = {"parent": pid} | {f"worker {k + 1}": worker for k, worker in enumerate(workers_of(pid))}
-        held = {name: mb for name, number in pids.items() if (mb := resident_mb(number)) is not None}
+        pids = {"parent": pid} | {
+            f"worker {k + 1}": worker for k, worker in enumerate(workers_of(pid))
+        }
+        held = {
+            name: mb for name, number in pids.items() if (mb := resident_mb(number)) is not None
+        }
         looks.append(Look(time.perf_counter() - began, sum(trials), len(trials), held))
 
-    args = ["run", "controller=ce", "planner.n_samples=50", f"n_trials={sizes.long_trials}", f"workers={WORKERS}"]
+    args = [
+        "run",
+        "controller=ce",
+        "planner.n_samples=50",
+        f"n_trials={sizes.long_trials}",
+        f"workers={WORKERS}",
+    ]
     ended = watched([*args, "results_dir=results"], folder, look, every=EVERY)
     if not any(sizes.long_settled <= one.trials < sizes.long_trials for one in looks):
         raise CommandError("the run was over before its memory could be watched")
@@ -93,5 +103,9 @@ def markdown(numbers: dict[str, Any]) -> str:
         for name, held in numbers["memory"].items()
     ]
     return "\n".join(
-        [*lines, "", f"The parent's table and picture at the end take it to {numbers['parent_peak_mb']:.0f} MB."]
+        [
+            *lines,
+            "",
+            f"The parent's table and picture at the end take it to {numbers['parent_peak_mb']:.0f} MB.",
+        ]
     )

@@ -43,7 +43,11 @@ def watched(
     with log.open("w") as stderr:
         started, began = time.time(), time.perf_counter()
         process = subprocess.Popen(
-            [COMMAND, *args], cwd=folder, env=os.environ | dict(env or {}), stdout=subprocess.DEVNULL, stderr=stderr
+            [COMMAND, *args],
+            cwd=folder,
+            env=os.environ | dict(env or {}),
+            stdout=subprocess.DEVNULL,
+            stderr=stderr,
         )
         try:
             while process.poll() is None:
@@ -67,7 +71,11 @@ def workers_of(pid: int) -> list[int]:
     found = []
     for entry in Path("/proc").iterdir():
         try:
-            if entry.name.isdigit() and _parent(entry) == pid and b"--multiprocessing-fork" in _words(entry):
+            if (
+                entry.name.isdigit()
+                and _parent(entry) == pid
+                and b"--multiprocessing-fork" in _words(entry)
+            ):
                 found.append(int(entry.name))
         except OSError:  # it has just ended
             continue

@@ -29,7 +29,12 @@ def measure(sizes: Sizes, folder: Path) -> dict[str, Any]:
         if read != files * count:
             raise RuntimeError(f"{read} of {files * count} rows were read")
         size = sum(path.stat().st_size for path in cell.iterdir())
-        found[count] = {"files": files, "bytes": size / read, "write_ms": 1e3 * write / files, "read_s": seconds / read}
+        found[count] = {
+            "files": files,
+            "bytes": size / read,
+            "write_ms": 1e3 * write / files,
+            "read_s": seconds / read,
+        }
     return {str(count): values for count, values in found.items()}
 
 
@@ -37,7 +42,15 @@ def _write(cell: Path, first: int, count: int) -> float:
     """One file of synthetic rows that compress no better than real ones; the seconds that writing took."""
     noise = np.random.default_rng(first).standard_normal((count, 6)).tolist()
     names = ("cost", "running_cost", "terminal_cost", "clearance", "final_distance", "ess")
-    same = {"seed": 0, "status": "ok", "controller": "belief", "theta": 1.0, "w_obs": 300.0, "steps": 60, "error": None}
+    same = {
+        "seed": 0,
+        "status": "ok",
+        "controller": "belief",
+        "theta": 1.0,
+        "w_obs": 300.0,
+        "steps": 60,
+        "error": None,
+    }
     made = [
         {"trial": first + at, **same, "collided": False, **dict(zip(names, values, strict=True))}
         for at, values in enumerate(noise)

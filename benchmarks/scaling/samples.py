@@ -31,15 +31,27 @@ def measure(sizes: Sizes, folder: Path) -> dict[str, Any]:
             if _compiles(subjects[name], work):  # the compiler's memory is not the planner's
                 subjects[name].end()
                 subjects[name] = _start(name, cpu, folder)
-        results = rounds.measure(subjects, work, "float32", sizes.sample_rounds, work["steps"] - WARM_UP)
-        peaks = {name: peak_mb(one.process.pid) for name, one in subjects.items() if one.process.poll() is None}
+        results = rounds.measure(
+            subjects, work, "float32", sizes.sample_rounds, work["steps"] - WARM_UP
+        )
+        peaks = {
+            name: peak_mb(one.process.pid)
+            for name, one in subjects.items()
+            if one.process.poll() is None
+        }
     finally:
         rounds.end(list(subjects.values()))
     found: dict[str, Any] = {"horizon": work["horizon"]}
     for controller in CONTROLLERS:
-        rows = [_row(n, work["horizon"], f"{controller}-{n}", results, peaks) for n in sizes.samples]
+        rows = [
+            _row(n, work["horizon"], f"{controller}-{n}", results, peaks) for n in sizes.samples
+        ]
         good = [row for row in rows if "ns" in row]
-        found[controller] = {"rows": rows, "spread": spread([row["ns"] for row in good]), "fixed_ms": fixed_ms(good)}
+        found[controller] = {
+            "rows": rows,
+            "spread": spread([row["ns"] for row in good]),
+            "fixed_ms": fixed_ms(good),
+        }
     return found
 
 
@@ -58,13 +70,20 @@ def _compiles(subject: Any, work: dict[str, Any]) -> bool:
     return programs(cache_dir()) > before
 
 
-def _row(n: int, horizon: int, name: str, results: dict[str, Any], peaks: dict[str, float]) -> dict[str, Any]:
+def _row(
+    n: int, horizon: int, name: str, results: dict[str, Any], peaks: dict[str, float]
+) -> dict[str, Any]:
     one = summary(results[name])
     if "median_ms" not in one:
         return {"n": n, "error": one.get("error", "no times")}
     fastest = 1e3 * min(median(calls) for calls in results[name]["rounds"])
     times = {"median_ms": one["median_ms"], "p95_ms": one["p95_ms"], "fastest_round_ms": fastest}
-    return {"n": n, **times, "ns": per_sample_step(one["median_ms"], n, horizon), "peak_mb": peaks[name]}
+    return {
+        "n": n,
+        **times,
+        "ns": per_sample_step(one["median_ms"], n, horizon),
+        "peak_mb": peaks[name],
+    }
 
 
 def per_sample_step(ms: float, n: int, horizon: int) -> float:
@@ -91,11 +110,15 @@ def markdown(numbers: dict[str, Any]) -> str:
         f"**Cost of a sample-step**, {numbers['horizon']} steps ahead, float32, one thread: median of a control step, "
         f"the same by samples and steps ahead, peak memory of the process.",
         "",
-        "| samples | " + " | ".join(f"{label} ms | ns | MB" for label in CONTROLLERS.values()) + " |",
+        "| samples | "
+        + " | ".join(f"{label} ms | ns | MB" for label in CONTROLLERS.values())
+        + " |",
         "|---|" + "---|" * (3 * len(CONTROLLERS)),
     ]
     for rows in zip(*(numbers[name]["rows"] for name in CONTROLLERS), strict=True):
-        lines.append("| " + " | ".join([f"{rows[0]['n']:,}".replace(",", " "), *map(_cells, rows)]) + " |")
+        lines.append(
+            "| " + " | ".join([f"{rows[0]['n']:,}".replace(",", " "), *map(_cells, rows)]) + " |"
+        )
     spreads, fixed = (
         ", ".join(f"{_told(numbers[name][key])} ({label})" for name, label in CONTROLLERS.items())
         for key in ("spread", "fixed_ms")

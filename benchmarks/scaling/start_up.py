@@ -27,11 +27,21 @@ def measure(sizes: Sizes, folder: Path) -> dict[str, Any]:
         }
         for label, args in commands.items():
             seconds.setdefault(label, []).append(run(args, folder, cache).seconds)
-    return {"seconds": seconds, "median": {label: median(times) for label, times in seconds.items()}}
+    return {
+        "seconds": seconds,
+        "median": {label: median(times) for label, times in seconds.items()},
+    }
 
 
 def markdown(numbers: dict[str, Any]) -> str:
     """A table of seconds."""
     repeats = len(next(iter(numbers["seconds"].values())))
-    lines = [f"**Start-up**, seconds, the median of {repeats}:", "", "| `mppi-belief ...` | s |", "|---|---|"]
-    return "\n".join([*lines, *(f"| {label} | {s:.2f} |" for label, s in numbers["median"].items())])
+    lines = [
+        f"**Start-up**, seconds, the median of {repeats}:",
+        "",
+        "| `mppi-belief ...` | s |",
+        "|---|---|",
+    ]
+    return "\n".join(
+        [*lines, *(f"| {label} | {s:.2f} |" for label, s in numbers["median"].items())]
+    )

@@ -41,20 +41,35 @@ def measure(sizes: Sizes, folder: Path) -> dict[str, Any]:
 
 def _slope(times: dict[int, list[dict[str, float]]], phase: str) -> float:
     """ms that one more cell adds to a phase, from the medians of the rounds."""
-    (few, a), (many, b) = ((cells, median(one[phase] for one in runs)) for cells, runs in times.items())
+    (few, a), (many, b) = (
+        (cells, median(one[phase] for one in runs)) for cells, runs in times.items()
+    )
     return 1e3 * (b - a) / (many - few)
 
 
 def _run(cells: int, folder: Path, cache: Path) -> dict[str, float]:
     """Seconds of each phase, and of all, of a sweep over theta and w_obs."""
-    args = ["run", "-m", "controller=belief", "planner.n_samples=50", f"n_trials={TRIALS}", "workers=2"]
-    args += ["results_dir=results", f"theta={','.join(f'{0.1 * k:g}' for k in range(cells // 2))}", "w_obs=100,200"]
+    args = [
+        "run",
+        "-m",
+        "controller=belief",
+        "planner.n_samples=50",
+        f"n_trials={TRIALS}",
+        "workers=2",
+    ]
+    args += [
+        "results_dir=results",
+        f"theta={','.join(f'{0.1 * k:g}' for k in range(cells // 2))}",
+        "w_obs=100,200",
+    ]
     return phases(run(args, folder, {"XDG_CACHE_HOME": str(cache)}), folder / "results")
 
 
 def phases(ended: Ended, results: Path) -> dict[str, float]:
     """Seconds from one kind of file to the next."""
-    parts, timings = (sorted(path.stat().st_mtime for path in results.glob(f"*/{kind}")) for kind in FILES)
+    parts, timings = (
+        sorted(path.stat().st_mtime for path in results.glob(f"*/{kind}")) for kind in FILES
+    )
     moments = [ended.started, parts[0], parts[-1], timings[-1], ended.started + ended.seconds]
     lengths = [b - a for a, b in itertools.pairwise(moments)]
     return dict(zip(PHASES, lengths, strict=True)) | {"all": ended.seconds}
@@ -67,9 +82,15 @@ def markdown(numbers: dict[str, Any]) -> str:
     lines = [
         f"**A cell of a sweep** over theta and w_obs, {numbers['trials']} trials each, 50 samples, 2 workers: ms per "
         f"cell, from {few} cells and {many}. The programs compiled for {few} cells, {numbers['programs']['few']}, are "
-        + ("all that the others need." if same else f"not all: {many} cells needed {numbers['programs']['many']}."),
+        + (
+            "all that the others need."
+            if same
+            else f"not all: {many} cells needed {numbers['programs']['many']}."
+        ),
         "",
         "| | ms |",
         "|---|---|",
     ]
-    return "\n".join([*lines, *(f"| {phase} | {ms:.0f} |" for phase, ms in numbers["ms_per_cell"].items())])
+    return "\n".join(
+        [*lines, *(f"| {phase} | {ms:.0f} |" for phase, ms in numbers["ms_per_cell"].items())]
+    )

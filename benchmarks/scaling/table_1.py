@@ -36,7 +36,9 @@ ROWS = {
 def measure(sizes: Sizes, folder: Path) -> dict[str, Any]:
     """Seconds of every run, medians and efficiencies, the machine's own."""
     rounds.say("table_1: cold")
-    runs = {"cold": {n: [_run(sizes, n, folder / f"cold-{n}", folder / f"cache-{n}")] for n in WORKERS}}
+    runs = {
+        "cold": {n: [_run(sizes, n, folder / f"cold-{n}", folder / f"cache-{n}")] for n in WORKERS}
+    }
     runs["warm"] = {n: [] for n in WORKERS}
     for k in range(sizes.table_rounds):
         rounds.say(f"table_1: warm, round {k + 1} of {sizes.table_rounds}")
@@ -44,17 +46,32 @@ def measure(sizes: Sizes, folder: Path) -> dict[str, Any]:
             runs["warm"][n].append(_run(sizes, n, folder / f"warm-{n}-{k}", folder / "cache-1"))
     rows = {label: _row(runs[state], span) for label, (state, span) in ROWS.items()}
     own = machine_efficiency(folder)
-    return {"trials": METHODS * sizes.table_trials, "runs": runs, "rows": rows, "machine_efficiency": own}
+    return {
+        "trials": METHODS * sizes.table_trials,
+        "runs": runs,
+        "rows": rows,
+        "machine_efficiency": own,
+    }
 
 
 def _run(sizes: Sizes, workers: int, folder: Path, cache: Path) -> dict[str, float]:
     """Seconds of one run into an empty folder: the whole command, its trials, until the first of them is on disk."""
     results = folder / "results"
     planned = Appearance(results)  # made when all configurations are checked
-    args = ["run", "experiment=table_1", f"n_trials={sizes.table_trials}", f"workers={workers}", "results_dir=results"]
+    args = [
+        "run",
+        "experiment=table_1",
+        f"n_trials={sizes.table_trials}",
+        f"workers={workers}",
+        "results_dir=results",
+    ]
     ended = watched(args, folder, planned, {"XDG_CACHE_HOME": str(cache)})
     written = [path.stat().st_mtime for path in results.glob("*/part-*.parquet")]
-    return {"command": ended.seconds, "trials": max(written) - planned.at, "first": min(written) - planned.at}
+    return {
+        "command": ended.seconds,
+        "trials": max(written) - planned.at,
+        "first": min(written) - planned.at,
+    }
 
 
 class Appearance:

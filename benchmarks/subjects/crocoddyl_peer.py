@@ -38,7 +38,9 @@ class Crocoddyl(Planner):
 
     def act(self, state: np.ndarray) -> np.ndarray:
         self.solver.problem.x0 = state
-        self.solver.solve(self.solver.problem.rollout(self.controls), self.controls, ITERATIONS, True)
+        self.solver.solve(
+            self.solver.problem.rollout(self.controls), self.controls, ITERATIONS, True
+        )
         found = list(self.solver.us)
         self.controls = [*found[1:], np.zeros(2)]
         return found[0]
@@ -59,7 +61,9 @@ def solver(workload: Workload) -> crocoddyl.SolverDDP:
         for costs, step in ((effort, dt), (effort | rate, dt), (last, 0.0))
     )
     middle = [running] * (workload["horizon"] - 1)
-    made = crocoddyl.SolverDDP(crocoddyl.ShootingProblem(np.array(workload["start"]), [first, *middle], end))
+    made = crocoddyl.SolverDDP(
+        crocoddyl.ShootingProblem(np.array(workload["start"]), [first, *middle], end)
+    )
     made.th_stop, made.problem.nthreads = THRESHOLD, 1
     return made
 
@@ -67,22 +71,30 @@ def solver(workload: Workload) -> crocoddyl.SolverDDP:
 def point_mass() -> crocoddyl.StateMultibody:
     """A unit mass in the plane: its centre of mass is its position."""
     model, here = pin.Model(), pin.SE3.Identity()
-    slider = model.addJoint(model.addJoint(0, pin.JointModelPX(), here, "x"), pin.JointModelPY(), here, "y")
+    slider = model.addJoint(
+        model.addJoint(0, pin.JointModelPX(), here, "x"), pin.JointModelPY(), here, "y"
+    )
     model.appendBodyToJoint(slider, pin.Inertia(1.0, np.zeros(3), np.zeros((3, 3))), here)
     model.gravity.setZero()
     return crocoddyl.StateMultibody(model)
 
 
-def dynamics(state: crocoddyl.StateMultibody, costs: dict) -> crocoddyl.DifferentialActionModelFreeFwdDynamics:
+def dynamics(
+    state: crocoddyl.StateMultibody, costs: dict
+) -> crocoddyl.DifferentialActionModelFreeFwdDynamics:
     total = crocoddyl.CostModelSum(state, 2)
     for name, (cost, weight) in costs.items():
         total.addCost(name, cost, weight)
-    made = crocoddyl.DifferentialActionModelFreeFwdDynamics(state, crocoddyl.ActuationModelFull(state), total)
+    made = crocoddyl.DifferentialActionModelFreeFwdDynamics(
+        state, crocoddyl.ActuationModelFull(state), total
+    )
     made.armature = np.zeros(2)  # given, it has all terms computed, the centre of mass too
     return made
 
 
-def quadratic(state: crocoddyl.StateMultibody, goal: list[float], weight: list[float]) -> crocoddyl.CostModelResidual:
+def quadratic(
+    state: crocoddyl.StateMultibody, goal: list[float], weight: list[float]
+) -> crocoddyl.CostModelResidual:
     activation = crocoddyl.ActivationModelWeightedQuad(np.array(weight))
     residual = crocoddyl.ResidualModelState(state, np.array(goal), 2)
     return crocoddyl.CostModelResidual(state, activation, residual)
@@ -90,7 +102,9 @@ def quadratic(state: crocoddyl.StateMultibody, goal: list[float], weight: list[f
 
 def control_cost(state: crocoddyl.StateMultibody, workload: Workload) -> tuple:
     activation = crocoddyl.ActivationModelWeightedQuad(np.array(workload["control_weight"]))
-    return crocoddyl.CostModelResidual(state, activation, crocoddyl.ResidualModelControl(state, 2)), 1.0
+    return crocoddyl.CostModelResidual(
+        state, activation, crocoddyl.ResidualModelControl(state, 2)
+    ), 1.0
 
 
 def state_costs(state: crocoddyl.StateMultibody, workload: Workload) -> dict:
@@ -99,5 +113,8 @@ def state_costs(state: crocoddyl.StateMultibody, workload: Workload) -> dict:
     for i, center in enumerate(workload["centers"]):
         residual = crocoddyl.ResidualModelCoMPosition(state, np.array([*center, 0.0]), 2)
         activation = crocoddyl.ActivationModelQuadFlatExp(3, 2 * workload["bump_width"] ** 2)
-        costs[f"obstacle {i}"] = crocoddyl.CostModelResidual(state, activation, residual), -workload["w_obs"]
+        costs[f"obstacle {i}"] = (
+            crocoddyl.CostModelResidual(state, activation, residual),
+            -workload["w_obs"],
+        )
     return costs

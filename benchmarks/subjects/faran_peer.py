@@ -25,7 +25,9 @@ from plant import Planner, Workload
 def make(name: str, workload: Workload, dtype: str) -> Planner:
     jax.config.update("jax_enable_x64", dtype == "float64")
     jax.config.update("jax_cpu_enable_async_dispatch", False)  # as ours runs
-    return {"faran_jax": FaranJax, "faran_jax_one_jit": FaranOneJit, "faran_numpy": FaranNumPy}[name](workload, dtype)
+    return {"faran_jax": FaranJax, "faran_jax_one_jit": FaranOneJit, "faran_numpy": FaranNumPy}[
+        name
+    ](workload, dtype)
 
 
 def jax_simulate(dt: float) -> Any:
@@ -37,7 +39,9 @@ def jax_simulate(dt: float) -> Any:
             state = state + dt * jnp.concatenate([state[2:], u])
             return state, state
 
-        return jax.lax.scan(step, jnp.broadcast_to(start[:, None], (4, inputs.shape[-1])), inputs)[1]
+        return jax.lax.scan(step, jnp.broadcast_to(start[:, None], (4, inputs.shape[-1])), inputs)[
+            1
+        ]
 
     return simulate
 
@@ -65,8 +69,12 @@ def stage_costs(xp: Any, workload: Workload) -> Any:
         for px, py in workload["centers"]:
             apart = (states[:, 0] - px) ** 2 + (states[:, 1] - py) ** 2
             rate = rate + workload["w_obs"] * xp.exp(-0.5 / workload["bump_width"] ** 2 * apart)
-        rate = rate + sum(0.5 * r * inputs[:, i] ** 2 for i, r in enumerate(workload["control_weight"]))
-        last = sum(0.5 * w * d[-1:] for w, d in zip(workload["terminal_weight"], squares, strict=True))
+        rate = rate + sum(
+            0.5 * r * inputs[:, i] ** 2 for i, r in enumerate(workload["control_weight"])
+        )
+        last = sum(
+            0.5 * w * d[-1:] for w, d in zip(workload["terminal_weight"], squares, strict=True)
+        )
         return xp.concatenate([rate[:-1] * dt, rate[-1:] * dt + last])
 
     return costs
@@ -75,7 +83,9 @@ def stage_costs(xp: Any, workload: Workload) -> Any:
 class Faran(Planner):
     """The planner of one backend, called as its README does."""
 
-    def __init__(self, workload: Workload, dtype: str, backend: Any, mppi: Any, simulate: Any, costs: Any) -> None:
+    def __init__(
+        self, workload: Workload, dtype: str, backend: Any, mppi: Any, simulate: Any, costs: Any
+    ) -> None:
         super().__init__(workload, dtype)
         self.versions = {name: version(name) for name in ("faran", "jax", "numpy")}
         self.backend, self.simple, self.mppi = backend, backend.types.simple, mppi
@@ -98,14 +108,18 @@ class Faran(Planner):
         return self.simple.costs(self._costs(states.array, inputs.array))
 
     def reset(self) -> None:
-        self.nominal = self.simple.control_input_sequence.zeroes(horizon=self.workload["horizon"], dimension=2)
+        self.nominal = self.simple.control_input_sequence.zeroes(
+            horizon=self.workload["horizon"], dimension=2
+        )
 
     def observe(self, x: list[float]) -> Any:
         return self.simple.state.create(np.array(x))
 
     def act(self, state: Any) -> Any:
         made = self.planner.step(
-            temperature=self.workload["temperature"], nominal_input=self.nominal, initial_state=state
+            temperature=self.workload["temperature"],
+            nominal_input=self.nominal,
+            initial_state=state,
         )
         self.nominal = made.nominal
         return jax.block_until_ready((made.optimal.array, made.nominal.array))[0]
@@ -137,10 +151,14 @@ class FaranOneJit(FaranJax):
         super().__init__(workload, dtype)
 
         @jax.jit
-        def step(key: jax.Array, nominal: Any, x: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
+        def step(
+            key: jax.Array, nominal: Any, x: jax.Array
+        ) -> tuple[jax.Array, jax.Array, jax.Array]:
             planner = self.planner_with(key=key)
             sequence, state = self.simple.control_input_sequence(nominal), self.simple.state(x)
-            made = planner.step(temperature=workload["temperature"], nominal_input=sequence, initial_state=state)
+            made = planner.step(
+                temperature=workload["temperature"], nominal_input=sequence, initial_state=state
+            )
             return planner.sampler.key, made.nominal.array, made.optimal.array
 
         self.program, self.key = step, jax.random.key(0)
@@ -149,5 +167,7 @@ class FaranOneJit(FaranJax):
         self.nominal = jnp.zeros((self.workload["horizon"], 2))
 
     def act(self, state: Any) -> Any:
-        self.key, self.nominal, controls = jax.block_until_ready(self.program(self.key, self.nominal, state.array))
+        self.key, self.nominal, controls = jax.block_until_ready(
+            self.program(self.key, self.nominal, state.array)
+        )
         return controls

@@ -57,12 +57,18 @@ class Floor:
         if "normals" in self.parts:
             normals = standard_normal(key, (*plan.shape, self.drawn))
             half = self.drawn < controls.shape[-1]
-            controls = jnp.concatenate([normals, -normals], axis=-1)[..., : controls.shape[-1]] if half else normals
+            controls = (
+                jnp.concatenate([normals, -normals], axis=-1)[..., : controls.shape[-1]]
+                if half
+                else normals
+            )
             made.append(jnp.sum(controls))
         if "rollout" in self.parts:
             made.append(jnp.sum(rollouts(self.problem, belief.mean, plan[:, :, None] + controls)))
         if "schedule" in self.parts:
-            made.append(jnp.sum(gain_schedule(self.problem, belief, plan, self.controller.schedule).cov))
+            made.append(
+                jnp.sum(gain_schedule(self.problem, belief, plan, self.controller.schedule).cov)
+            )
         return made
 
     def time(self, calls: int) -> list[float]:

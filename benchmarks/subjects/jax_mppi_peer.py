@@ -36,7 +36,9 @@ class JaxMppi(Planner):
             lambda_=workload["temperature"],
         )
         dynamics, running, terminal = functions(workload)
-        command = partial(mppi.command, dynamics=dynamics, running_cost=running, terminal_cost=terminal)
+        command = partial(
+            mppi.command, dynamics=dynamics, running_cost=running, terminal_cost=terminal
+        )
         self.command = jax.jit(command, static_argnums=0)
 
     def reset(self) -> None:
@@ -56,7 +58,10 @@ class JaxMppi(Planner):
 def functions(workload: Workload) -> tuple:
     """Dynamics, running and terminal cost of one state (4,) and action (2,)."""
     dt, goal = workload["dt"], jnp.array(workload["goal"])
-    weight, last_weight = jnp.array(workload["running_weight"]), jnp.array(workload["terminal_weight"])
+    weight, last_weight = (
+        jnp.array(workload["running_weight"]),
+        jnp.array(workload["terminal_weight"]),
+    )
     centers = jnp.array(workload["centers"])
 
     def dynamics(x: jax.Array, u: jax.Array) -> jax.Array:

@@ -38,7 +38,10 @@ class Controller:
 
     def __init__(self, name: str, workload: Workload, dtype: str) -> None:
         self.config, self.workload = config_of(name, dtype), workload
-        self.versions, self.settings = versions(), f"as configured; XLA_FLAGS={os.environ['XLA_FLAGS']}"
+        self.versions, self.settings = (
+            versions(),
+            f"as configured; XLA_FLAGS={os.environ['XLA_FLAGS']}",
+        )
 
     def time(self, calls: int) -> list[float]:
         return time_steps(self.config, WARM_UP + calls)[WARM_UP:]

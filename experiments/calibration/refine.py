@@ -66,7 +66,9 @@ def deviations(steps: int, unit: Sequence[float]) -> tuple[list[float], dict[str
     return z, {method: [round(value, 4) for value in values] for method, values in found.items()}
 
 
-def jacobian(pool: ProcessPoolExecutor, steps: int, unit: np.ndarray, z: Sequence[float]) -> np.ndarray:
+def jacobian(
+    pool: ProcessPoolExecutor, steps: int, unit: np.ndarray, z: Sequence[float]
+) -> np.ndarray:
     """d z / d unit (12, n) at a point whose deviations are z, by differences into the range."""
     strides = np.where(unit + STEP <= 1, STEP, -STEP)
     points = [(unit + np.eye(len(unit))[i] * stride).tolist() for i, stride in enumerate(strides)]
@@ -74,7 +76,9 @@ def jacobian(pool: ProcessPoolExecutor, steps: int, unit: np.ndarray, z: Sequenc
     return ((ahead - np.array(z)) / strides[:, None]).T
 
 
-def refine(pool: ProcessPoolExecutor, unit: np.ndarray, steps: int, iterations: int) -> tuple[np.ndarray, np.ndarray]:
+def refine(
+    pool: ProcessPoolExecutor, unit: np.ndarray, steps: int, iterations: int
+) -> tuple[np.ndarray, np.ndarray]:
     """The minimum found from here, and the Jacobian there."""
     z, found = next(pool.map(partial(deviations, steps), [unit.tolist()]))
     damping = 0.3
@@ -100,7 +104,9 @@ def _step(J: np.ndarray, z: np.ndarray, damping: float) -> np.ndarray:
     return -np.linalg.solve(J.T @ J + damping * 0.1 * scale * np.eye(J.shape[1]), J.T @ z)
 
 
-def _say(iteration: int, z: Sequence[float], unit: np.ndarray, steps: int, found: dict[str, Any]) -> None:
+def _say(
+    iteration: int, z: Sequence[float], unit: np.ndarray, steps: int, found: dict[str, Any]
+) -> None:
     at = {name: float(f"{value:.4g}") for name, value in from_unit(unit, steps).items()}
     line = {"iteration": iteration, "loss": round(sum(value**2 for value in z), 1), **at, **found}
     print(json.dumps(line), flush=True)
@@ -108,7 +114,9 @@ def _say(iteration: int, z: Sequence[float], unit: np.ndarray, steps: int, found
 
 def standard_errors(J: np.ndarray, unit: np.ndarray, steps: int) -> dict[str, tuple[float, float]]:
     """Each number with its standard error; a direction that Table I says nothing of is bounded by the range."""
-    information = J.T @ J + np.diag(np.full(J.shape[1], 12.0))  # a uniform number on [0, 1] has variance 1/12
+    information = J.T @ J + np.diag(
+        np.full(J.shape[1], 12.0)
+    )  # a uniform number on [0, 1] has variance 1/12
     error = np.sqrt(np.diag(np.linalg.inv(information)))
     at, other = from_unit(unit, steps), from_unit(unit + error, steps)
     return {name: (at[name], abs(other[name] - at[name])) for name in NAMES}
@@ -131,7 +139,9 @@ def main() -> None:
     args = parser.parse_args()
     environment.prepare()
     at = start(args.log, args.number)
-    with ProcessPoolExecutor(args.processes, get_context("spawn"), initializer=environment.prepare) as pool:
+    with ProcessPoolExecutor(
+        args.processes, get_context("spawn"), initializer=environment.prepare
+    ) as pool:
         unit, J = refine(pool, to_unit(at), at["steps"], args.iterations)
     for name, (value, error) in standard_errors(J, unit, at["steps"]).items():
         print(f"{name:18} {value:10.4g} ± {error:.2g}")

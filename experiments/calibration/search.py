@@ -29,7 +29,10 @@ STAGES = ((QUICK, 24), (QUICK, 72), (QUICK, 200), (("pipf",), 50))
 
 def suggest(trial: optuna.Trial) -> dict[str, Any]:
     """A candidate."""
-    at = {name: trial.suggest_float(name, low, high, log=log) for name, (low, high, log) in scenario.OPEN.items()}
+    at = {
+        name: trial.suggest_float(name, low, high, log=log)
+        for name, (low, high, log) in scenario.OPEN.items()
+    }
     return {**at, "steps": trial.suggest_categorical("steps", scenario.STEPS)}
 
 
@@ -38,7 +41,9 @@ def objective(trial: optuna.Trial, bases: dict[str, dict[str, Any]]) -> float:
     at, rows, loss = suggest(trial), {method: [] for method in scenario.METHODS}, {}
     for stage, (methods, n) in enumerate(STAGES):
         for method in methods:
-            rows[method] += scenario.run(scenario.configure(bases[method], at), range(len(rows[method]), n))
+            rows[method] += scenario.run(
+                scenario.configure(bases[method], at), range(len(rows[method]), n)
+            )
             found = scenario.measure(rows[method])
             trial.set_user_attr(method, [round(value, 4) for value in found])
             loss[method] = sum(z * z for z in scenario.deviations(method, found))
@@ -56,7 +61,9 @@ def open_study(path: Path, seed: int) -> optuna.Study:
     return optuna.create_study(
         study_name="table_1",
         storage=JournalStorage(JournalFileBackend(str(path))),
-        sampler=optuna.samplers.TPESampler(seed=seed, multivariate=True, constant_liar=True, n_startup_trials=12),
+        sampler=optuna.samplers.TPESampler(
+            seed=seed, multivariate=True, constant_liar=True, n_startup_trials=12
+        ),
         pruner=optuna.pruners.PercentilePruner(50.0, n_startup_trials=10),
         load_if_exists=True,
     )
@@ -72,7 +79,9 @@ def work(path: Path, minutes: float, seed: int) -> None:
 def save_log(study: optuna.Study, path: Path) -> None:
     """Every candidate as a line: what was tried, what came out, how far it got."""
     names = [*scenario.OPEN, "steps"]
-    columns = [f"{method}_{name}" for method in scenario.METHODS for name in scenario.Measured._fields]
+    columns = [
+        f"{method}_{name}" for method in scenario.METHODS for name in scenario.Measured._fields
+    ]
     with path.open("w", newline="") as file:
         out = csv.writer(file, lineterminator="\n")
         out.writerow(["trial", "state", "stage", "loss", *names, *columns])
@@ -82,7 +91,9 @@ def save_log(study: optuna.Study, path: Path) -> None:
             stage, loss = max(trial.intermediate_values.items())
             tried = [f"{trial.params[name]:.5g}" for name in names]
             found = [value for m in scenario.METHODS for value in trial.user_attrs.get(m, [""] * 5)]
-            out.writerow([trial.number, trial.state.name.lower(), stage, f"{loss:.2f}", *tried, *found])
+            out.writerow(
+                [trial.number, trial.state.name.lower(), stage, f"{loss:.2f}", *tried, *found]
+            )
 
 
 def main() -> int:
@@ -100,7 +111,9 @@ def main() -> int:
         study.enqueue_trial(start, skip_if_exists=True)
     context = multiprocessing.get_context("spawn")
     seeds = [time.time_ns() % 2**31 + i for i in range(args.processes)]
-    workers = [context.Process(target=work, args=(args.journal, args.minutes, seed)) for seed in seeds]
+    workers = [
+        context.Process(target=work, args=(args.journal, args.minutes, seed)) for seed in seeds
+    ]
     for worker in workers:
         worker.start()
     for worker in workers:

@@ -18,7 +18,9 @@ def main() -> int:
     from .cli.main import main as command
 
     code = command()
-    for number in signals:  # Python takes handlers away before its last threads have ended, but not this
+    for (
+        number
+    ) in signals:  # Python takes handlers away before its last threads have ended, but not this
         signal.signal(number, signal.SIG_IGN)
     return code
 

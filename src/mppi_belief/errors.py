@@ -15,11 +15,15 @@ class ConfigError(Exception):
 
 def plain_line(text: str) -> str:
     """The text as one line that any terminal can print: what is not printable is escaped, what is endless is cut."""
-    shown = "".join(sign if sign.isprintable() else sign.encode("unicode_escape").decode() for sign in text)
+    shown = "".join(
+        sign if sign.isprintable() else sign.encode("unicode_escape").decode() for sign in text
+    )
     return shown if len(shown) <= LONGEST_LINE else f"{shown[: LONGEST_LINE - 4]} ..."
 
 
-def unknown_key(key: str, known: Sequence[str], what: str = "key", see: str = "mppi-belief run --help") -> str:
+def unknown_key(
+    key: str, known: Sequence[str], what: str = "key", see: str = "mppi-belief run --help"
+) -> str:
     """One line about a misspelt key, or another name, with the nearest known one."""
     near = get_close_matches(key, known, n=1)
     return f"unknown {what} '{key}'" + (f"; did you mean '{near[0]}'?" if near else f"; see {see}")

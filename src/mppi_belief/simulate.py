@@ -69,7 +69,12 @@ def closed_loop(
     _, (steps, notes) = jax.lax.scan(advance, carry, jnp.arange(problem.steps))
     states, beliefs, controls, measurements, ess = steps
     states = jnp.concatenate([start[None], states])
-    beliefs = Belief(*(jnp.concatenate([a[None], b]) for a, b in zip((first.mean, first.cov), beliefs, strict=True)))
+    beliefs = Belief(
+        *(
+            jnp.concatenate([a[None], b])
+            for a, b in zip((first.mean, first.cov), beliefs, strict=True)
+        )
+    )
     return Trial(states, beliefs, controls, measurements, ess), notes
 
 
@@ -81,7 +86,14 @@ def seen(controller: Controller, belief: Any, x: Array) -> Any:
 
 
 def respond(
-    problem: Problem, filter: Filter, x: Array, belief: Any, u: Array, plant: Array, filtering: Array, k: Array
+    problem: Problem,
+    filter: Filter,
+    x: Array,
+    belief: Any,
+    u: Array,
+    plant: Array,
+    filtering: Array,
+    k: Array,
 ) -> tuple[Array, Array, Any]:
     """What step k answers to control u: the next state (nx,), the measurement (ny,), the next belief."""
     problem = aimed_ahead(problem, belief, u)

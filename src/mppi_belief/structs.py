@@ -102,7 +102,9 @@ def _check_fields(self: Any) -> None:
 
 def _is_traced(value: Any) -> bool:
     """Whether JAX made the value (or a placeholder for it), so that there is nothing to check."""
-    return not isinstance(value, (bool, int, float, str, bytes, list, tuple, dict, np.ndarray, np.generic, type(None)))
+    return not isinstance(
+        value, (bool, int, float, str, bytes, list, tuple, dict, np.ndarray, np.generic, type(None))
+    )
 
 
 def _number(value: Any, rule: Any) -> Any:

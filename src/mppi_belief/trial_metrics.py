@@ -42,7 +42,9 @@ class Consistency(NamedTuple):
 def metrics(problem: Problem, trial: Trial) -> Metrics:
     """Judge a trial. A collision is a state, of any step, on or inside an obstacle."""
     system, cost = problem.system, problem.cost
-    rates = jax.vmap(lambda x, u: cost.base(x) + 0.5 * quadratic_form(cost.R, u))(trial.states[:-1], trial.controls)
+    rates = jax.vmap(lambda x, u: cost.base(x) + 0.5 * quadratic_form(cost.R, u))(
+        trial.states[:-1], trial.controls
+    )
     running, terminal = jnp.sum(rates) * problem.dt, cost.terminal(trial.states[-1])
     clearance = jnp.min(jax.vmap(system.clearance)(trial.states))
     miss = system.position(trial.states[-1]) - system.position(jnp.asarray(cost.goal))
@@ -66,7 +68,9 @@ def consistency(problem: Problem, filter: Filter, trial: Trial) -> Consistency:
     told = getattr(filter, "forecast", forecast)
     before = Belief(*(part[:-1] for part in trial.beliefs))
     expected, spread = jax.vmap(lambda belief, u: told(problem, belief, u))(before, trial.controls)
-    off = jax.vmap(lambda y, at: measurement_difference(problem.system, y, at))(trial.measurements, expected)
+    off = jax.vmap(lambda y, at: measurement_difference(problem.system, y, at))(
+        trial.measurements, expected
+    )
     errors = trial.states[1:] - trial.beliefs.mean[1:]
     return Consistency(_mean_square(errors, trial.beliefs.cov[1:]), _mean_square(off, spread))
 

@@ -60,10 +60,18 @@ def test_a_cost_without_closed_form_is_integrated(x64):
     W, V = np.eye(2), np.array([[0, 0.5], [0.5, 0]])
     np.testing.assert_allclose(found.base, m @ m + np.trace(S), rtol=1e-12)
     np.testing.assert_allclose(found.penalty, m[0] * m[1] + S[0, 1], rtol=1e-12)
-    for value, (A, B) in ((found.base_var, (W, W)), (found.penalty_var, (V, V)), (found.covariance, (W, V))):
-        np.testing.assert_allclose(value, 2 * np.trace(A @ S @ B @ S) + 4 * m @ A @ S @ B @ m, rtol=1e-12)
+    for value, (A, B) in (
+        (found.base_var, (W, W)),
+        (found.penalty_var, (V, V)),
+        (found.covariance, (W, V)),
+    ):
+        np.testing.assert_allclose(
+            value, 2 * np.trace(A @ S @ B @ S) + 4 * m @ A @ S @ B @ m, rtol=1e-12
+        )
     terminal = belief_cost.expected_terminal(cost, jnp.asarray(m), jnp.asarray(S))
-    np.testing.assert_allclose(terminal, m[0] ** 4 + 6 * m[0] ** 2 * S[0, 0] + 3 * S[0, 0] ** 2, rtol=1e-12)
+    np.testing.assert_allclose(
+        terminal, m[0] ** 4 + 6 * m[0] ** 2 * S[0, 0] + 3 * S[0, 0] ** 2, rtol=1e-12
+    )
 
 
 def test_a_cost_that_knows_its_moments_is_asked():
@@ -83,9 +91,16 @@ def test_quadrature_errors_of_the_light_dark_cost_vanish_at_sixth_order(light_da
         cov = spread**2 * shape
         exact = running_moments(cost, MEAN, cov)
         found = quick_jit(belief_cost.quadrature_moments)(cost, MEAN, jnp.asarray(cov))
-        np.testing.assert_allclose([found.base, found.base_var], [exact.base, exact.base_var], rtol=1e-10)
+        np.testing.assert_allclose(
+            [found.base, found.base_var], [exact.base, exact.base_var], rtol=1e-10
+        )
         np.testing.assert_allclose(found, exact, rtol=2e-3)
-        errors.append([abs(getattr(found, f) - getattr(exact, f)) for f in ("penalty", "penalty_var", "covariance")])
+        errors.append(
+            [
+                abs(getattr(found, f) - getattr(exact, f))
+                for f in ("penalty", "penalty_var", "covariance")
+            ]
+        )
     np.testing.assert_allclose(np.log2(np.array(errors[0]) / errors[1]), 6, atol=0.2)
 
 
@@ -93,14 +108,18 @@ def test_without_risk_aversion_the_expectation_is_left(light_dark, x64, rng):
     cost, cov = light_dark.cost, 0.05 * random_spd(rng, 4)
     m = running_moments(cost, MEAN, cov)
     for risk in ("penalty", "total"):
-        np.testing.assert_allclose(risk_sensitive(cost, MEAN, cov, 0.0, risk=risk), m.base + m.penalty, rtol=1e-13)
+        np.testing.assert_allclose(
+            risk_sensitive(cost, MEAN, cov, 0.0, risk=risk), m.base + m.penalty, rtol=1e-13
+        )
 
 
 def test_risk_sensitive_cost_is_remark_4(light_dark, x64, rng):
     cost, cov = light_dark.cost, 0.05 * random_spd(rng, 4)
     m = running_moments(cost, MEAN, cov)
     for theta in (0.5, 1.0, 5.0):
-        penalty, total = (risk_sensitive(cost, MEAN, cov, theta, risk=risk) for risk in ("penalty", "total"))
+        penalty, total = (
+            risk_sensitive(cost, MEAN, cov, theta, risk=risk) for risk in ("penalty", "total")
+        )
         mean = m.base + m.penalty
         np.testing.assert_allclose(penalty, mean + theta / 2 * m.penalty_var, rtol=1e-13)
         np.testing.assert_allclose(
@@ -109,7 +128,9 @@ def test_risk_sensitive_cost_is_remark_4(light_dark, x64, rng):
 
 
 @pytest.mark.parametrize("risk", ["penalty", "total"])
-def test_the_penalty_expected_at_the_mean_is_its_value_there_and_nothing_else_changes(risk, light_dark, x64, rng):
+def test_the_penalty_expected_at_the_mean_is_its_value_there_and_nothing_else_changes(
+    risk, light_dark, x64, rng
+):
     cost, cov = light_dark.cost, 0.05 * random_spd(rng, 4)
     m, there = running_moments(cost, MEAN, cov), float(cost.penalty(jnp.asarray(MEAN)))
     variance = m.penalty_var if risk == "penalty" else m.base_var + 2 * m.covariance + m.penalty_var
@@ -131,13 +152,19 @@ def test_without_risk_aversion_paths_differ_by_their_cost_at_the_mean(light_dark
 
     def along(expectation: str) -> np.ndarray:
         totals = [
-            sum(float(risk_sensitive(cost, x, cov, 0.0, risk="penalty", expectation=expectation)) for x, cov in steps)
+            sum(
+                float(risk_sensitive(cost, x, cov, 0.0, risk="penalty", expectation=expectation))
+                for x, cov in steps
+            )
             for steps in (zip(path, covs, strict=True) for path in paths)
         ]
         return np.diff(totals)
 
     certain = np.diff(
-        [sum(float(belief_cost.certainty_equivalent(cost, x)) for x in map(jnp.asarray, path)) for path in paths]
+        [
+            sum(float(belief_cost.certainty_equivalent(cost, x)) for x in map(jnp.asarray, path))
+            for path in paths
+        ]
     )
     np.testing.assert_allclose(along("at_mean"), certain, rtol=1e-9, atol=1e-9)
     assert np.all(np.abs(along("exact") - certain) > 1e-3 * np.abs(certain))
@@ -146,7 +173,9 @@ def test_without_risk_aversion_paths_differ_by_their_cost_at_the_mean(light_dark
 def test_a_planner_without_risk_aversion_that_expects_at_the_mean_is_ce_mppi(light_dark, x64):
     sizes = {"n_samples": 64, "horizon": 8, "control_std": 2.75}
     belief = mb.Belief(jnp.array([2.0, 0.5, 1.0, 0.0]), 0.05 * jnp.eye(4))
-    act = quick_jit(lambda planner: planner.act(light_dark, belief, planner.init(light_dark), jax.random.key(1)))
+    act = quick_jit(
+        lambda planner: planner.act(light_dark, belief, planner.init(light_dark), jax.random.key(1))
+    )
     blind = act(mb.MPPIBelief(**sizes, evaluate="mean"))
     at_mean = act(mb.MPPIBelief(**sizes, theta=0.0, expectation="at_mean"))
     np.testing.assert_allclose(at_mean[2].weights, blind[2].weights, rtol=1e-7, atol=1e-12)
@@ -172,17 +201,24 @@ def test_a_certain_belief_costs_what_its_mean_does(risk, light_dark, x64):
         certain = belief_cost.certainty_equivalent(light_dark.cost, jnp.asarray(position))
         np.testing.assert_allclose(found, certain, rtol=1e-12)
     cost = light_dark.cost
-    np.testing.assert_allclose(certain, cost.base(jnp.zeros(4)) + cost.penalty(jnp.zeros(4)), rtol=1e-12)
+    np.testing.assert_allclose(
+        certain, cost.base(jnp.zeros(4)) + cost.penalty(jnp.zeros(4)), rtol=1e-12
+    )
 
 
 def test_expected_terminal_cost_is_eq_4(light_dark, x64, rng):
     cov = random_spd(rng, 4)
     found = belief_cost.expected_terminal(light_dark.cost, MEAN, cov)
     weight = np.diag(light_dark.cost.terminal_weight)
-    np.testing.assert_allclose(found, light_dark.cost.terminal(MEAN) + 0.5 * np.trace(weight @ cov), rtol=1e-12)
+    np.testing.assert_allclose(
+        found, light_dark.cost.terminal(MEAN) + 0.5 * np.trace(weight @ cov), rtol=1e-12
+    )
 
 
 def test_more_risk_aversion_never_costs_less(light_dark, x64, rng):
     cov = 0.05 * random_spd(rng, 4)
-    costs = [risk_sensitive(light_dark.cost, MEAN, cov, theta, risk="penalty") for theta in (0.0, 0.5, 1.0, 2.0)]
+    costs = [
+        risk_sensitive(light_dark.cost, MEAN, cov, theta, risk="penalty")
+        for theta in (0.0, 0.5, 1.0, 2.0)
+    ]
     assert costs == sorted(costs)

@@ -48,7 +48,9 @@ class Pendulum:
 def run(problem: mb.Problem, controls: Array, measurements: Array) -> mb.Belief:
     """Beliefs (T,) of a run of predict and correct."""
 
-    def step(at: gaussians.RootBelief, data: tuple[Array, Array]) -> tuple[gaussians.RootBelief, mb.Belief]:
+    def step(
+        at: gaussians.RootBelief, data: tuple[Array, Array]
+    ) -> tuple[gaussians.RootBelief, mb.Belief]:
         after = belief.correct(problem, belief.predict(problem, at, data[0]), data[1])
         return after, mb.Belief(after.mean, after.cov)
 
@@ -67,7 +69,10 @@ def test_prior_is_the_problems(light_dark, x64):
 def test_light_dark_equals_an_independent_kalman_filter(convention, x64, rng):
     problem, dt = light_dark_problem(system={"noise_convention": convention}), 0.1
     model = reference.light_dark(sampled=convention == "sample", dt=dt)
-    controls, measurements = 3 * rng.normal(size=(25, 2)), np.array([4, 0]) + rng.normal(size=(25, 2))
+    controls, measurements = (
+        3 * rng.normal(size=(25, 2)),
+        np.array([4, 0]) + rng.normal(size=(25, 2)),
+    )
     found = run(problem, controls, measurements)
     mean, cov = np.array(problem.prior_mean), np.diag(problem.prior_std**2)
     for k, (u, y) in enumerate(zip(controls, measurements, strict=True)):
@@ -83,7 +88,9 @@ def test_light_dark_equals_an_independent_kalman_filter(convention, x64, rng):
 @pytest.mark.parametrize("convention", ["sample", "intensity"])
 def test_a_nonlinear_system_equals_an_independent_extended_kalman_filter(convention, x64, rng):
     dt, system = 0.05, Pendulum(noise_convention=convention)
-    problem = mb.Problem(system, light_dark_problem().cost, [0.8, -0.2], [0.3, 0.5], dt=dt, steps=20)
+    problem = mb.Problem(
+        system, light_dark_problem().cost, [0.8, -0.2], [0.3, 0.5], dt=dt, steps=20
+    )
     controls = rng.normal(size=(20, 1))
     measurements = np.stack([np.sin(np.linspace(0.8, -1, 20)), np.linspace(0, 4, 20)], axis=-1)
     found = run(problem, controls, measurements)
@@ -92,7 +99,9 @@ def test_a_nonlinear_system_equals_an_independent_extended_kalman_filter(convent
     for k, (u, y) in enumerate(zip(controls, measurements, strict=True)):
 
         def step(x: np.ndarray, torque: float = u[0]) -> np.ndarray:
-            return x + dt * np.array([x[1], -9.81 * np.sin(x[0]) - 0.3 * x[1] + np.cos(x[0]) * torque])
+            return x + dt * np.array(
+                [x[1], -9.81 * np.sin(x[0]) - 0.3 * x[1] + np.cos(x[0]) * torque]
+            )
 
         def noise(x: np.ndarray) -> np.ndarray:
             sigma = np.array([[0.1 + x[0] ** 2, 0.0], [0.2, 0.5]])
@@ -116,7 +125,12 @@ def update(cov: Array, C: Array, R_s: Array) -> tuple[Array, Array, Array]:
 @pytest.mark.parametrize("precision", PRECISIONS)
 @pytest.mark.parametrize(("n", "p"), [(1, 1), (2, 1), (4, 2), (3, 3)])
 @settings(max_examples=60, deadline=None, derandomize=True)
-@given(seed=st.integers(0, 2**32 - 1), log_cov=st.floats(-6, 6), log_noise=st.floats(-6, 6), rank=st.integers(0, 4))
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    log_cov=st.floats(-6, 6),
+    log_noise=st.floats(-6, 6),
+    rank=st.integers(0, 4),
+)
 def test_a_measured_covariance_is_symmetric_psd_on_its_own_scale_and_no_larger(
     n, p, precision, seed, log_cov, log_noise, rank
 ):
@@ -134,7 +148,9 @@ def test_a_measured_covariance_is_symmetric_psd_on_its_own_scale_and_no_larger(
     # against double precision: as far off as the rounding of the prior and of R_s makes it
     S = C @ cov @ C.T + R_s
     exact = cov - cov @ C.T @ np.linalg.solve(S, C @ cov)
-    assert np.linalg.norm(after - exact) <= 100 * eps * np.linalg.norm(cov, 2), np.linalg.norm(after - exact)
+    assert np.linalg.norm(after - exact) <= 100 * eps * np.linalg.norm(cov, 2), np.linalg.norm(
+        after - exact
+    )
 
 
 @quick_jit
@@ -145,7 +161,11 @@ def moved_estimator(cov: Array, C: Array, R_s: Array, K: Array) -> Array:
 
 
 def test_the_gain_minimises_the_covariance(x64, rng):
-    root, C, R_s = rng.normal(size=(3, 3)), rng.normal(size=(2, 3)), np.array([[0.3, 0.1], [0.1, 0.9]])
+    root, C, R_s = (
+        rng.normal(size=(3, 3)),
+        rng.normal(size=(2, 3)),
+        np.array([[0.3, 0.1], [0.1, 0.9]]),
+    )
     cov = root @ root.T
     best, K, moves = update(cov, C, R_s)
     S = C @ cov @ C.T + R_s

@@ -29,12 +29,16 @@ WEIGHTS = np.array([0.7, 0.3])
 SMALL = mb.MPPIBelief(n_samples=16, horizon=5, control_std=1.0, temperature=30.0, theta=0.7)
 mixture_moments = quick_jit(belief_cost.mixture_moments)
 mixture_terminal = quick_jit(belief_cost.mixture_terminal)
-mixture_risk_sensitive = quick_jit(belief_cost.mixture_risk_sensitive, static_argnames=("risk", "expectation"))
+mixture_risk_sensitive = quick_jit(
+    belief_cost.mixture_risk_sensitive, static_argnames=("risk", "expectation")
+)
 risk_sensitive = quick_jit(belief_cost.risk_sensitive, static_argnames=("risk", "expectation"))
 
 
 @quick_jit
-def act(problem: mb.Problem, controller: mb.MPPIBelief, belief: Any, plan: Array) -> tuple[Array, Array, PlanInfo]:
+def act(
+    problem: mb.Problem, controller: mb.MPPIBelief, belief: Any, plan: Array
+) -> tuple[Array, Array, PlanInfo]:
     return controller.act(problem, belief, plan, KEY)
 
 
@@ -62,12 +66,17 @@ def covs_of(belief: MixtureBelief) -> Array:
 def charged(problem: mb.Problem, means: Any, covs: Any) -> Array:
     """q_RS of the mixture at one instant."""
     at = (WEIGHTS, jnp.stack(means), jnp.stack(covs))
-    return mixture_risk_sensitive(problem.cost, *at, SMALL.theta, risk="penalty", expectation="exact")
+    return mixture_risk_sensitive(
+        problem.cost, *at, SMALL.theta, risk="penalty", expectation="exact"
+    )
 
 
 def test_moments_are_those_of_the_whole(x64, rng):
     belief = mixture(rng)
-    second = sum(w * (S + np.outer(m, m)) for w, m, S in zip(WEIGHTS, belief.means, covs_of(belief), strict=True))
+    second = sum(
+        w * (S + np.outer(m, m))
+        for w, m, S in zip(WEIGHTS, belief.means, covs_of(belief), strict=True)
+    )
     mean = WEIGHTS @ np.asarray(belief.means)
     np.testing.assert_allclose(belief.mean, mean, rtol=1e-12)
     np.testing.assert_allclose(belief.cov, second - np.outer(mean, mean), rtol=1e-10)
@@ -76,7 +85,9 @@ def test_moments_are_those_of_the_whole(x64, rng):
 
 def test_a_start_is_drawn_from_one_of_the_modes_as_often_as_its_weight_says(x64):
     problem = two_places()
-    states = np.asarray(quick_jit(jax.vmap(lambda key: draw_state(problem, key)))(jax.random.split(KEY, 20_000)))
+    states = np.asarray(
+        quick_jit(jax.vmap(lambda key: draw_state(problem, key)))(jax.random.split(KEY, 20_000))
+    )
     mean, cov = prior(problem)
     np.testing.assert_allclose(mean, problem.prior_mean + WEIGHTS @ MODES, rtol=1e-12)
     assert_mean(states, mean)
@@ -116,9 +127,15 @@ def test_one_mode_is_one_gaussian(scalar, x64):
 def test_the_bank_is_bayes_rule_on_a_linear_system(x64, rng):
     """Against all measurements at once: a Gaussian vector for each mode, of which no recursion is made."""
     modes, steps = rng.normal(size=(2, 3)), 4
-    problem = replace(random_problem(rng), prior_modes=modes, prior_weights=WEIGHTS, prior_std=np.full(3, 0.4))
+    problem = replace(
+        random_problem(rng), prior_modes=modes, prior_weights=WEIGHTS, prior_std=np.full(3, 0.4)
+    )
     system, dt = problem.system, problem.dt
-    F, C, Q = np.eye(3) + dt * system.A, np.asarray(system.C), dt * system.channel @ system.channel.T
+    F, C, Q = (
+        np.eye(3) + dt * system.A,
+        np.asarray(system.C),
+        dt * system.channel @ system.channel.T,
+    )
     controls, ys = rng.normal(size=(steps, 2)), rng.normal(size=(steps, 1))
     belief = mb.MixtureFilter().init(problem, KEY)
     for u, y in zip(controls, ys, strict=True):
@@ -126,7 +143,9 @@ def test_the_bank_is_bayes_rule_on_a_linear_system(x64, rng):
 
     # x_1..x_n in terms of x_0 and the noises of every step
     powers, none = [np.linalg.matrix_power(F, k) for k in range(steps + 1)], np.zeros((3, 3))
-    lift = np.block([[powers[k - j] if j <= k else none for j in range(steps + 1)] for k in range(1, steps + 1)])
+    lift = np.block(
+        [[powers[k - j] if j <= k else none for j in range(steps + 1)] for k in range(1, steps + 1)]
+    )
     noises = np.kron(np.eye(steps + 1), Q)
     noises[:3, :3] = np.diag(problem.prior_std**2)
     states, H = lift @ noises @ lift.T, np.kron(np.eye(steps), C)
@@ -137,24 +156,36 @@ def test_the_bank_is_bayes_rule_on_a_linear_system(x64, rng):
         for u in controls:
             ahead.append(F @ ahead[-1] + dt * np.asarray(system.B) @ u)
         expected = np.concatenate(ahead[1:])
-        logs.append(np.log(WEIGHTS[i]) + stats.multivariate_normal(H @ expected, S).logpdf(ys[:, 0]))
-        np.testing.assert_allclose(belief.means[i], (expected + gain @ (ys[:, 0] - H @ expected))[-3:], rtol=1e-9)
-        np.testing.assert_allclose(covs_of(belief)[i], (states - gain @ H @ states)[-3:, -3:], atol=1e-10)
-    np.testing.assert_allclose(belief.log_weights, np.asarray(logs) - np.logaddexp.reduce(logs), rtol=1e-9)
+        logs.append(
+            np.log(WEIGHTS[i]) + stats.multivariate_normal(H @ expected, S).logpdf(ys[:, 0])
+        )
+        np.testing.assert_allclose(
+            belief.means[i], (expected + gain @ (ys[:, 0] - H @ expected))[-3:], rtol=1e-9
+        )
+        np.testing.assert_allclose(
+            covs_of(belief)[i], (states - gain @ H @ states)[-3:, -3:], atol=1e-10
+        )
+    np.testing.assert_allclose(
+        belief.log_weights, np.asarray(logs) - np.logaddexp.reduce(logs), rtol=1e-9
+    )
 
 
 def test_how_much_measurements_scatter_tells_modes_apart(light_dark, x64):
     """log det S, with the noise of each place: two that are as far from a measurement, in the dark and in the light."""
     nothing = jnp.zeros((4, 4))
     for p_x, sigma in ((3.0, 2 / np.sqrt(2) + 0.1), (5.0, 0.1)):
-        found = log_likelihood(light_dark, RootBelief(jnp.array([p_x, 1, 0, 0]), nothing), jnp.array([4.0, 1.0]))
+        found = log_likelihood(
+            light_dark, RootBelief(jnp.array([p_x, 1, 0, 0]), nothing), jnp.array([4.0, 1.0])
+        )
         expected = stats.norm(scale=sigma).logpdf([1.0, 0.0]).sum() + np.log(2 * np.pi)
         np.testing.assert_allclose(found, expected, rtol=1e-9)
 
 
 def test_weights_stay_as_they_were_where_a_measurement_is_beyond_all():
     before = jnp.log(jnp.array([0.25, 0.75]))
-    np.testing.assert_allclose(reweighted(before, jnp.array([-jnp.inf, -jnp.inf])), before, rtol=1e-6)
+    np.testing.assert_allclose(
+        reweighted(before, jnp.array([-jnp.inf, -jnp.inf])), before, rtol=1e-6
+    )
     np.testing.assert_allclose(reweighted(before, jnp.array([-jnp.inf, -1e30])), [-jnp.inf, 0])
     np.testing.assert_allclose(reweighted(before, jnp.array([-1e8, jnp.nan])), [0, -jnp.inf])
 
@@ -188,7 +219,9 @@ def test_equal_components_cost_what_one_does(risk, expectation, light_dark, x64,
 def test_variance_has_its_digits_in_single_precision_at_large_weights():
     """E[q^2] - E[q]^2 of penalties of 1e4 that hardly differ would leave no digit."""
     cost = light_dark_problem(cost={"w_obs": 1e4}).cost
-    means = (np.array([3, 1, 0, 0]) + np.array([[1e-3, 0, 0, 0], [0, 2e-3, 0, 0]])).astype(np.float32)
+    means = (np.array([3, 1, 0, 0]) + np.array([[1e-3, 0, 0, 0], [0, 2e-3, 0, 0]])).astype(
+        np.float32
+    )
     covs = np.stack([np.diag([1e-6, 1e-6, 0.1, 0.1])] * 2).astype(np.float32)
     found = mixture_moments(cost, jnp.asarray(WEIGHTS, jnp.float32), means, covs)
     centers = np.array([[3.0, 1.0], [3.0, -1.0]])
@@ -207,10 +240,14 @@ def test_a_gap_that_both_modes_fit_through_is_blocked_for_one_gaussian(x64):
     cost = light_dark_problem(cost={"obstacles": mb.Obstacles([[3, 0]], 0.65)}).cost
     root = jnp.diag(jnp.array([0.2, 0.2, 0.1, 0.1]))
     belief = MixtureBelief(
-        jnp.array([[3, 1.6, 0, 0], [3, -1.6, 0, 0]]), jnp.stack([root] * 2), jnp.log(jnp.full(2, 0.5))
+        jnp.array([[3, 1.6, 0, 0], [3, -1.6, 0, 0]]),
+        jnp.stack([root] * 2),
+        jnp.log(jnp.full(2, 0.5)),
     )
     each = mixture_moments(cost, belief.weights, belief.means, covs_of(belief))
-    whole = mixture_moments(cost, belief.weights, jnp.stack([belief.mean] * 2), jnp.stack([belief.cov] * 2))
+    whole = mixture_moments(
+        cost, belief.weights, jnp.stack([belief.mean] * 2), jnp.stack([belief.cov] * 2)
+    )
     assert each.penalty < 1e-3 * whole.penalty
     assert each.penalty_var < 1e-3 * whole.penalty_var
 
@@ -224,7 +261,9 @@ def test_a_mixture_of_one_gives_the_control_of_one_gaussian(x64, rng):
         assert a.shape == b.shape
         np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-9)
     # and so does one that is the same twice, however it is weighted
-    twice = MixtureBelief(jnp.stack([mean] * 2), jnp.stack([root] * 2), jnp.log(jnp.asarray(WEIGHTS)))
+    twice = MixtureBelief(
+        jnp.stack([mean] * 2), jnp.stack([root] * 2), jnp.log(jnp.asarray(WEIGHTS))
+    )
     again = act(problem, SMALL, twice, plan)
     np.testing.assert_allclose(again[0], expected[0], rtol=1e-9)
     np.testing.assert_allclose(again[2].nominal_cost, expected[2].nominal_cost, rtol=1e-9)
@@ -232,22 +271,35 @@ def test_a_mixture_of_one_gives_the_control_of_one_gaussian(x64, rng):
 
 def test_a_planner_can_be_shown_the_moments_alone(scalar, x64):
     problem = replace(scalar.problem(), prior_modes=[[1.0], [-2.0]], prior_weights=WEIGHTS)
-    belief, plan, controller = prior_mixture(problem), jnp.full((5, 1), 0.3), replace(SMALL, risk="total")
+    belief, plan, controller = (
+        prior_mixture(problem),
+        jnp.full((5, 1), 0.3),
+        replace(SMALL, risk="total"),
+    )
     expected = act(problem, controller, mb.Belief(belief.mean, belief.cov), plan)
     found = act(problem, replace(controller, plan_from="moments"), belief, plan)
     np.testing.assert_allclose(found[0], expected[0], rtol=1e-9)
-    assert abs(act(problem, controller, belief, plan)[2].nominal_cost / expected[2].nominal_cost - 1) > 0.01
+    assert (
+        abs(act(problem, controller, belief, plan)[2].nominal_cost / expected[2].nominal_cost - 1)
+        > 0.01
+    )
 
 
 def test_every_component_follows_the_same_controls_with_its_own_schedule(x64, rng):
     """Step by step, the covariances by the filter's recursion in plain form."""
-    problem, plan, model = two_places(), rng.normal(size=(5, 2)), reference.light_dark(sampled=True, dt=0.1)
+    problem, plan, model = (
+        two_places(),
+        rng.normal(size=(5, 2)),
+        reference.light_dark(sampled=True, dt=0.1),
+    )
     _, _, info = act(problem, SMALL, prior_mixture(problem), jnp.asarray(plan))
     means, covs = [problem.prior_mean + mode for mode in MODES], [np.diag(problem.prior_std**2)] * 2
     total = 0.0
     for u in plan:
         for i in range(2):
-            y = (means[i] + 0.1 * (model.A @ means[i] + model.B @ u))[:2]  # as foretold, so that the mean stays
+            y = (means[i] + 0.1 * (model.A @ means[i] + model.B @ u))[
+                :2
+            ]  # as foretold, so that the mean stays
             means[i], covs[i] = reference.kalman_step(
                 means[i],
                 covs[i],
@@ -261,7 +313,9 @@ def test_every_component_follows_the_same_controls_with_its_own_schedule(x64, rn
     terminal = mixture_terminal(problem.cost, WEIGHTS, jnp.stack(means), jnp.stack(covs))
     np.testing.assert_allclose(info.nominal_cost, total + terminal, rtol=1e-7)
     mean = WEIGHTS @ np.stack(means)
-    spread = sum(w * (S + np.outer(m - mean, m - mean)) for w, m, S in zip(WEIGHTS, means, covs, strict=True))
+    spread = sum(
+        w * (S + np.outer(m - mean, m - mean)) for w, m, S in zip(WEIGHTS, means, covs, strict=True)
+    )
     np.testing.assert_allclose(info.planned_cov[-1], spread, atol=1e-8)
 
 

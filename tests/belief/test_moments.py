@@ -27,11 +27,18 @@ def test_quadratic_moments_are_the_trace_formulas(diagonal, x64, rng):
     W, d = np.diag(weight) if diagonal else weight, mean - centre
     expectation, variance = quadratic_moments(mean, cov, centre, weight)
     np.testing.assert_allclose(expectation, 0.5 * d @ W @ d + 0.5 * np.trace(W @ cov), rtol=1e-12)
-    np.testing.assert_allclose(variance, 0.5 * np.trace(W @ cov @ W @ cov) + d @ W @ cov @ W @ d, rtol=1e-12)
+    np.testing.assert_allclose(
+        variance, 0.5 * np.trace(W @ cov @ W @ cov) + d @ W @ cov @ W @ d, rtol=1e-12
+    )
 
 
 def test_quadratic_moments_equal_those_of_samples(x64, rng):
-    mean, centre, cov, W = np.array([1.0, -0.5]), np.array([0.2, 0.1]), random_spd(rng, 2), random_spd(rng, 2)
+    mean, centre, cov, W = (
+        np.array([1.0, -0.5]),
+        np.array([0.2, 0.1]),
+        random_spd(rng, 2),
+        random_spd(rng, 2),
+    )
     found = quadratic_moments(mean, cov, centre, W)
     values = reference.quadratic(rng.multivariate_normal(mean, cov, 200_000), centre, W)
     assert abs(values.mean() - found[0]) < SIGMAS * values.std() / np.sqrt(len(values))
@@ -45,7 +52,10 @@ def test_bump_moments_equal_quadrature(d, n_obstacles, x64, rng):
     """From a covariance much smaller to one much larger than the bump, correlated."""
     centers = THREE[:n_obstacles, :d]
     for spread in (0.03, 0.3, 1.0):
-        mean, cov = np.append(centers[0] + 0.3 * rng.normal(size=d), 7.0), spread**2 * random_spd(rng, d + 1)
+        mean, cov = (
+            np.append(centers[0] + 0.3 * rng.normal(size=d), 7.0),
+            spread**2 * random_spd(rng, d + 1),
+        )
         found = bump_sum_moments(mean, cov, centers, WIDTH)
 
         def value(x: np.ndarray, centers: np.ndarray = centers) -> np.ndarray:
@@ -53,7 +63,9 @@ def test_bump_moments_equal_quadrature(d, n_obstacles, x64, rng):
 
         expectation, _, variance, *_ = reference.covariance(value, value, mean[:d], cov[:d, :d])
         np.testing.assert_allclose(found, [expectation, variance], rtol=1e-9)
-        np.testing.assert_allclose(reference.bump_moments(mean, cov, centers, WIDTH), found, rtol=1e-9)
+        np.testing.assert_allclose(
+            reference.bump_moments(mean, cov, centers, WIDTH), found, rtol=1e-9
+        )
 
 
 def test_bump_moments_in_space(x64, rng):
@@ -63,7 +75,9 @@ def test_bump_moments_in_space(x64, rng):
         return reference.bumps(x, THREE, WIDTH)
 
     expectation, _, variance, *_ = reference.covariance(value, value, mean, cov, nodes=70)
-    np.testing.assert_allclose(bump_sum_moments(mean, cov, THREE, WIDTH), [expectation, variance], rtol=1e-9)
+    np.testing.assert_allclose(
+        bump_sum_moments(mean, cov, THREE, WIDTH), [expectation, variance], rtol=1e-9
+    )
 
 
 @pytest.mark.parametrize("n_obstacles", [1, 3])
@@ -87,7 +101,8 @@ def test_quadratic_bump_covariance_equals_quadrature(n, d, n_obstacles, x64, rng
 def test_a_diagonal_weight_is_that_diagonal_matrix(x64, rng):
     mean, cov, weight = THREE[0], 0.1 * random_spd(rng, 3), rng.uniform(0, 2, 3)
     full, short = (
-        quadratic_bump_covariance(mean, cov, jnp.zeros(3), W, THREE[:, :2], WIDTH) for W in (np.diag(weight), weight)
+        quadratic_bump_covariance(mean, cov, jnp.zeros(3), W, THREE[:, :2], WIDTH)
+        for W in (np.diag(weight), weight)
     )
     np.testing.assert_allclose(short, full, rtol=1e-12)
 
@@ -100,7 +115,9 @@ def float32(*arrays: np.ndarray) -> list[np.ndarray]:
 @pytest.mark.parametrize("position", [[2.5, 0.7], [3.0, 1.0], [3.0, 0.0], [1.5, 1.0]])
 def test_float32_gives_five_digits_of_mean_and_variance(position, spread):
     """Errors of the inputs' last digit are magnified by the exponent |d|^2 / (2 l^2), here up to 14."""
-    mean, cov, centers = float32(position, spread**2 * np.array([[1.0, 0.4], [0.4, 0.8]]), THREE[:2, :2])
+    mean, cov, centers = float32(
+        position, spread**2 * np.array([[1.0, 0.4], [0.4, 0.8]]), THREE[:2, :2]
+    )
     found = bump_sum_moments(mean, cov, centers, WIDTH)
 
     def value(x: np.ndarray) -> np.ndarray:
@@ -132,7 +149,10 @@ def test_the_usual_difference_of_moments_has_no_digit_left_in_float32():
 
 @settings(max_examples=100, deadline=None, derandomize=True)
 @given(
-    seed=st.integers(0, 2**32 - 1), log_spread=st.floats(-5, 3), log_distance=st.floats(-9, 6), rank=st.integers(1, 3)
+    seed=st.integers(0, 2**32 - 1),
+    log_spread=st.floats(-5, 3),
+    log_distance=st.floats(-9, 6),
+    rank=st.integers(1, 3),
 )
 def test_variances_are_finite_and_not_negative_in_float32(seed, log_spread, log_distance, rank):
     rng = np.random.default_rng(seed)
@@ -167,8 +187,13 @@ def test_certainty_has_no_variance_and_its_own_value():
         mean = jnp.array(position)
         expectation, variance = bump_sum_moments(mean, zero, THREE[:, :2], WIDTH)
         assert variance == 0
-        np.testing.assert_allclose(expectation, moments.bump_sum(mean, THREE[:, :2], WIDTH), rtol=1e-5)
-        assert quadratic_bump_covariance(mean, zero, jnp.ones(2), jnp.ones(2), THREE[:, :2], WIDTH) == 0
+        np.testing.assert_allclose(
+            expectation, moments.bump_sum(mean, THREE[:, :2], WIDTH), rtol=1e-5
+        )
+        assert (
+            quadratic_bump_covariance(mean, zero, jnp.ones(2), jnp.ones(2), THREE[:, :2], WIDTH)
+            == 0
+        )
         assert quadratic_moments(mean, zero, jnp.ones(2), jnp.ones(2))[1] == 0
 
 

@@ -35,7 +35,9 @@ def test_riccati_step_solves_the_riccati_equation(n, p, stable, x64, rng):
         A, Q, C, R_o = random_system(rng, n, p, stable)
         cov = random_spd(rng, n, 0.01, 3.0)
         found = riccati_step(cov, A, Q, C, R_o, duration)
-        np.testing.assert_allclose(found, reference.riccati_flow(cov, A, Q, C, R_o, duration), rtol=1e-8, atol=1e-10)
+        np.testing.assert_allclose(
+            found, reference.riccati_flow(cov, A, Q, C, R_o, duration), rtol=1e-8, atol=1e-10
+        )
 
 
 @pytest.mark.parametrize("stable", [True, False])
@@ -43,14 +45,20 @@ def test_riccati_step_solves_the_riccati_equation(n, p, stable, x64, rng):
 def test_the_algebraic_solution_stands_still(n, p, stable, x64, rng):
     A, Q, C, R_o = random_system(rng, n, p, stable)
     steady = solve_continuous_are(A.T, C.T, Q, R_o)
-    np.testing.assert_allclose(riccati_rate(steady, A, Q, C, R_o), 0, atol=1e-9 * np.linalg.norm(steady) ** 2)
-    np.testing.assert_allclose(riccati_step(steady, A, Q, C, R_o, 0.3), steady, rtol=1e-9, atol=1e-10)
+    np.testing.assert_allclose(
+        riccati_rate(steady, A, Q, C, R_o), 0, atol=1e-9 * np.linalg.norm(steady) ** 2
+    )
+    np.testing.assert_allclose(
+        riccati_step(steady, A, Q, C, R_o, 0.3), steady, rtol=1e-9, atol=1e-10
+    )
 
 
 def test_riccati_rate_is_the_derivative_of_the_flow(x64, rng):
     A, Q, C, R_o = random_system(rng, 4, 2, stable=True)
     cov, h = random_spd(rng, 4), 1e-6
-    slope = (4 * riccati_step(cov, A, Q, C, R_o, h) - riccati_step(cov, A, Q, C, R_o, 2 * h) - 3 * cov) / (2 * h)
+    slope = (
+        4 * riccati_step(cov, A, Q, C, R_o, h) - riccati_step(cov, A, Q, C, R_o, 2 * h) - 3 * cov
+    ) / (2 * h)
     np.testing.assert_allclose(riccati_rate(cov, A, Q, C, R_o), slope, rtol=1e-7, atol=1e-7)
 
 
@@ -72,7 +80,9 @@ def test_the_scalar_steady_state_is_kept(scalar, x64):
     problem = scalar.problem()
     found = gain_schedule(problem, gaussians.prior(problem), jnp.zeros((10, 1)), method="riccati")
     np.testing.assert_allclose(found.cov.ravel(), scalar.variance, rtol=1e-12)
-    np.testing.assert_allclose(found.diffusion.ravel(), scalar.temperature * scalar.b**2 / scalar.R, rtol=1e-12)
+    np.testing.assert_allclose(
+        found.diffusion.ravel(), scalar.temperature * scalar.b**2 / scalar.R, rtol=1e-12
+    )
 
 
 @pytest.mark.parametrize("method", ["filter", "riccati"])
@@ -80,9 +90,15 @@ def test_schedules_tend_to_the_riccati_equation_at_first_order(method, x64):
     """The noise varies along the way, which stays on one side of the light: at its kink the order is lost."""
     start, u, duration = np.array([3.0, 0.5, 1.0, -0.5]), np.array([1.0, 0.5]), 1.0
     cov = np.diag([0.2, 0.1, 0.05, 0.1])
-    exact = reference.belief_flow(reference.light_dark(sampled=False, dt=0.0), start, cov, u, duration)
+    exact = reference.belief_flow(
+        reference.light_dark(sampled=False, dt=0.0), start, cov, u, duration
+    )
     errors = []
-    for runs in (1, 2, 4):  # one after the other, so that all grids share what was compiled for STEPS
+    for runs in (
+        1,
+        2,
+        4,
+    ):  # one after the other, so that all grids share what was compiled for STEPS
         problem = light_dark_problem(system=INTENSITY, dt=duration / (runs * STEPS))
         at = mb.Belief(jnp.asarray(start), jnp.asarray(cov))
         for _ in range(runs):
@@ -99,12 +115,15 @@ def test_the_filters_diffusion_tends_to_the_continuous_one(x64):
         problem = light_dark_problem(system=INTENSITY, dt=dt)
         at = mb.Belief(jnp.asarray(start), jnp.diag(jnp.array([0.2, 0.1, 0.05, 0.1])))
         filtering, riccati = (
-            gain_schedule(problem, at, jnp.zeros((STEPS, 2)), method=m) for m in ("filter", "riccati")
+            gain_schedule(problem, at, jnp.zeros((STEPS, 2)), method=m)
+            for m in ("filter", "riccati")
         )
         C, R_o = np.eye(2, 4), measurement_intensity(problem.system, start, dt)
         expected = at.cov @ C.T @ np.linalg.inv(R_o) @ C @ at.cov
         np.testing.assert_allclose(riccati.diffusion[0], expected, rtol=1e-12)
-        np.testing.assert_allclose(riccati.gain[0] @ R_o @ riccati.gain[0].T, expected, rtol=1e-12, atol=1e-15)
+        np.testing.assert_allclose(
+            riccati.gain[0] @ R_o @ riccati.gain[0].T, expected, rtol=1e-12, atol=1e-15
+        )
         errors.append(np.linalg.norm(filtering.diffusion[0] - expected))
     np.testing.assert_allclose(np.log2(np.array(errors[:-1]) / errors[1:]), 1, atol=0.1)
 
@@ -116,7 +135,12 @@ def test_filter_schedule_is_the_filter_that_sees_what_it_expects(convention, x64
     found = gain_schedule(problem, gaussians.prior(problem), jnp.asarray(controls))
     predict, correct = quick_jit(belief.predict), quick_jit(belief.correct)
     at, dt = gaussians.prior(problem), problem.dt
-    assert [part.shape for part in found] == [(STEPS + 1, 4), (STEPS + 1, 4, 4), (STEPS, 4, 2), (STEPS, 4, 4)]
+    assert [part.shape for part in found] == [
+        (STEPS + 1, 4),
+        (STEPS + 1, 4, 4),
+        (STEPS, 4, 2),
+        (STEPS, 4, 4),
+    ]
     for k, u in enumerate(controls):
         np.testing.assert_allclose(found.mean[k], at.mean, atol=1e-12)
         np.testing.assert_allclose(found.cov[k], at.cov, atol=1e-12)
@@ -132,7 +156,9 @@ def test_filter_schedule_is_the_filter_that_sees_what_it_expects(convention, x64
 
 @pytest.mark.parametrize("method", ["filter", "riccati"])
 @pytest.mark.parametrize("steered", [False, True])
-def test_only_noise_that_depends_on_the_state_lets_controls_move_the_covariance(method, steered, x64, rng):
+def test_only_noise_that_depends_on_the_state_lets_controls_move_the_covariance(
+    method, steered, x64, rng
+):
     problem = light_dark_problem(system={"noise_slope": 0.7 if steered else 0.0})
     idle, busy = (
         gain_schedule(problem, gaussians.prior(problem), jnp.asarray(u), method=method)
@@ -146,7 +172,9 @@ def test_only_noise_that_depends_on_the_state_lets_controls_move_the_covariance(
 
 @pytest.mark.parametrize("method", ["filter", "riccati"])
 @pytest.mark.parametrize("precise", [True, False])
-def test_diffusion_factors_have_as_many_columns_as_there_are_measurements(method, precise, request, rng):
+def test_diffusion_factors_have_as_many_columns_as_there_are_measurements(
+    method, precise, request, rng
+):
     if precise:
         request.getfixturevalue("x64")
     eps = np.finfo(np.float64 if precise else np.float32).eps
@@ -161,18 +189,29 @@ def test_diffusion_factors_have_as_many_columns_as_there_are_measurements(method
 
 def test_scalar_schedule_does_not_care_for_controls(scalar: Scalar, x64, rng):
     problem = scalar.problem(noise_convention="sample")
-    idle, busy = (gain_schedule(problem, gaussians.prior(problem), u) for u in (jnp.zeros((9, 1)), jnp.ones((9, 1))))
+    idle, busy = (
+        gain_schedule(problem, gaussians.prior(problem), u)
+        for u in (jnp.zeros((9, 1)), jnp.ones((9, 1)))
+    )
     np.testing.assert_array_equal(idle.cov, busy.cov)
     np.testing.assert_array_equal(idle.diffusion, busy.diffusion)
     assert not np.allclose(idle.mean[1:], busy.mean[1:])
 
 
-@pytest.mark.parametrize(("noise", "duration"), [(1e-6, 0.1), (1e-8, 0.1), (0.05, 20.0), (1e-3, 1e3)])
+@pytest.mark.parametrize(
+    ("noise", "duration"), [(1e-6, 0.1), (1e-8, 0.1), (0.05, 20.0), (1e-3, 1e3)]
+)
 @pytest.mark.parametrize("driven", [0.0, 1.0])
-def test_riccati_step_stays_finite_and_right_where_the_state_is_seen_very_well(noise, duration, driven):
+def test_riccati_step_stays_finite_and_right_where_the_state_is_seen_very_well(
+    noise, duration, driven
+):
     one = jnp.ones((1, 1))
     found = riccati_step(one, 0 * one, driven * one, one, noise * one, duration)[0, 0]
     # dS/dt = q - S^2 / r from S = 1: Bernoulli for q = 0, a hyperbolic cotangent for q = 1
     settled = np.sqrt(noise)
-    exact = settled / np.tanh(np.arctanh(settled) + duration / settled) if driven else 1 / (1 + duration / noise)
+    exact = (
+        settled / np.tanh(np.arctanh(settled) + duration / settled)
+        if driven
+        else 1 / (1 + duration / noise)
+    )
     np.testing.assert_allclose(found, exact, rtol=1e-3)

@@ -15,7 +15,18 @@ import pytest
 from omegaconf import OmegaConf
 
 import mppi_belief
-from cli_helpers import CONF, SMALL, TIMEOUT, Said, call, collect, command, files_in, python, restored
+from cli_helpers import (
+    CONF,
+    SMALL,
+    TIMEOUT,
+    Said,
+    call,
+    collect,
+    command,
+    files_in,
+    python,
+    restored,
+)
 from mppi_belief.cli import main as cli
 from mppi_belief.config.settings import Planner, Settings
 from mppi_belief.results import files
@@ -65,7 +76,9 @@ def mppi_belief_command(tmp_path, capsys) -> Callable[..., Said]:
 
 
 @pytest.mark.parametrize("line", BAD)
-def test_bad_input_is_one_line_and_exit_code_2_and_leaves_no_trace(line, mppi_belief_command, tmp_path):
+def test_bad_input_is_one_line_and_exit_code_2_and_leaves_no_trace(
+    line, mppi_belief_command, tmp_path
+):
     said = mppi_belief_command(*shlex.split(line))
     assert (said.code, said.out) == (2, "")
     assert re.fullmatch(r"mppi-belief: \S.*\n", said.err)
@@ -80,7 +93,9 @@ def test_bad_input_to_the_real_command(args, tmp_path):
     assert files_in(tmp_path) == []
 
 
-def test_a_results_dir_that_cannot_be_made_or_written_is_exit_code_74(mppi_belief_command, tmp_path):
+def test_a_results_dir_that_cannot_be_made_or_written_is_exit_code_74(
+    mppi_belief_command, tmp_path
+):
     taken = tmp_path / "taken"
     taken.write_text("a file")
     for target in ("/dev/null/x", str(taken)):
@@ -97,12 +112,19 @@ def test_a_full_disk_is_exit_code_74_and_said_in_words(mppi_belief_command, monk
     monkeypatch.setattr(files, "probe", full)
     said = mppi_belief_command("run", *SMALL)
     assert said.code == 74
-    assert re.fullmatch(r"mppi-belief: cannot write results: No space left on device\S*\n", said.err)
+    assert re.fullmatch(
+        r"mppi-belief: cannot write results: No space left on device\S*\n", said.err
+    )
 
 
 def test_a_forgotten_run_is_suggested(mppi_belief_command):
-    assert "did you mean `mppi-belief run theta=1 seed=2`?" in mppi_belief_command("theta=1", "seed=2").err
-    assert "did you mean `mppi-belief run -m theta=1,2`?" in mppi_belief_command("-m", "theta=1,2").err
+    assert (
+        "did you mean `mppi-belief run theta=1 seed=2`?"
+        in mppi_belief_command("theta=1", "seed=2").err
+    )
+    assert (
+        "did you mean `mppi-belief run -m theta=1,2`?" in mppi_belief_command("-m", "theta=1,2").err
+    )
     assert "see mppi-belief --help" in mppi_belief_command("simulate").err
 
 
@@ -121,7 +143,9 @@ def test_help_of_run_names_every_group_option_and_key(mppi_belief_command, tmp_p
     assert len(groups) >= 5
     for group in groups:
         (line,) = re.findall(rf"^{group.name}: .*$", said.out, re.MULTILINE)
-        assert sorted(re.findall(r"[\w.]+", line)[1:]) == sorted(path.stem for path in group.glob("*.yaml"))
+        assert sorted(re.findall(r"[\w.]+", line)[1:]) == sorted(
+            path.stem for path in group.glob("*.yaml")
+        )
     for key in (*Settings.__dataclass_fields__, *Planner.__dataclass_fields__):
         assert re.search(rf"^\s*{key}:", said.out, re.MULTILINE), key
     assert not re.search(r"^hydra:|\?\?\?|schema", said.out, re.MULTILINE)
@@ -146,11 +170,22 @@ def test_cfg_job_prints_the_configuration_and_runs_nothing(mppi_belief_command, 
 
 
 def test_numbers_at_the_top_reach_the_groups():
-    (config,) = collect("theta=2", "w_obs=100", "planner.horizon=7", "planner.n_samples=9", "planner.temperature=3")
+    (config,) = collect(
+        "theta=2", "w_obs=100", "planner.horizon=7", "planner.n_samples=9", "planner.temperature=3"
+    )
     assert (config["controller"]["theta"], config["cost"]["w_obs"]) == (2.0, 100.0)
-    assert [config["controller"][key] for key in ("horizon", "n_samples", "temperature")] == [7, 9, 3.0]
+    assert [config["controller"][key] for key in ("horizon", "n_samples", "temperature")] == [
+        7,
+        9,
+        3.0,
+    ]
     assert config["cost"]["obstacles"] == config["system"]["obstacles"]
-    names = {"system": "light_dark", "cost": "goal_obstacles", "filter": "ekf", "controller": "belief"}
+    names = {
+        "system": "light_dark",
+        "cost": "goal_obstacles",
+        "filter": "ekf",
+        "controller": "belief",
+    }
     assert config["names"] == names
 
 
@@ -163,7 +198,9 @@ def test_a_system_brings_its_cost_and_its_time_grid():
 
 def test_sweeps_need_no_m_and_multiply():
     configs = collect("sweep=theta", "seed=3")
-    assert [config["theta"] for config in configs] == [config["controller"]["theta"] for config in configs]
+    assert [config["theta"] for config in configs] == [
+        config["controller"]["theta"] for config in configs
+    ]
     assert [config["theta"] for config in configs] == [0, 0.5, 1, 2, 5]
     assert {config["seed"] for config in configs} == {3}
     configs = collect("sweep=w_obs", "controller=belief,ce")
@@ -176,7 +213,12 @@ def test_sweeps_need_no_m_and_multiply():
 def test_swept_settings_are_labels_and_what_does_not_change_a_trial_is_not():
     changes = ["theta=2", "controller.horizon=7", "cost.goal=[1,2,0,0]", "controller=ce"]
     (config,) = collect(*changes, "n_trials=5", "workers=1", "results_dir=elsewhere")
-    labels = {"theta": 2.0, "controller.horizon": 7, "cost.goal": "[1, 2, 0, 0]", "controller": "ce"}
+    labels = {
+        "theta": 2.0,
+        "controller.horizon": 7,
+        "cost.goal": "[1, 2, 0, 0]",
+        "controller": "ce",
+    }
     assert config["swept"] == labels
 
 
@@ -193,7 +235,11 @@ def test_a_users_yaml_is_found_by_config_dir_from_anywhere(tmp_path):
     (tmp_path / "controller").mkdir()
     (tmp_path / "controller" / "mine.yaml").write_text("_target_: mine.Mine\ngain: ${theta}\n")
     (tmp_path / "mine.py").write_text("")
-    for args in ([f"--config-dir={tmp_path}"], ["--config-dir", str(tmp_path)], ["-cd", str(tmp_path)]):
+    for args in (
+        [f"--config-dir={tmp_path}"],
+        ["--config-dir", str(tmp_path)],
+        ["-cd", str(tmp_path)],
+    ):
         (config,) = collect(*args, "controller=mine", "theta=3")
         assert config["controller"] == {"_target_": "mine.Mine", "gain": 3.0}
         assert config["names"]["controller"] == "mine"
@@ -224,8 +270,18 @@ def test_a_users_own_controller_runs_from_a_yaml_and_a_module_beside_it(tmp_path
     (own / "controller").mkdir(parents=True)
     away.mkdir()
     (own / "proportional.py").write_text(USERS_CONTROLLER)
-    (own / "controller" / "proportional.yaml").write_text("_target_: proportional.Proportional\ngain: 0.5\n")
-    args = ["run", "--config-dir", "../own", "controller=proportional", "n_trials=3", "workers=1", *SMALL]
+    (own / "controller" / "proportional.yaml").write_text(
+        "_target_: proportional.Proportional\ngain: 0.5\n"
+    )
+    args = [
+        "run",
+        "--config-dir",
+        "../own",
+        "controller=proportional",
+        "n_trials=3",
+        "workers=1",
+        *SMALL,
+    ]
     said = command(away, *args)
     assert said.code == 0, said.err
     assert "3 trials run, 0 found done" in said.out
@@ -262,7 +318,9 @@ def test_completion_of_a_word(line, mppi_belief_command):
 def test_completion_of_an_option_lists_the_group(before, mppi_belief_command):
     line = f"mppi-belief run {before}controller="
     said = mppi_belief_command("-sc", "query=bash", COMP_LINE=line, COMP_POINT=str(len(line)))
-    assert said.out.split() == sorted(f"controller={path.stem}" for path in CONF.glob("controller/*.yaml"))
+    assert said.out.split() == sorted(
+        f"controller={path.stem}" for path in CONF.glob("controller/*.yaml")
+    )
 
 
 def test_the_script_for_bash_completes(tmp_path):
@@ -274,9 +332,9 @@ def test_the_script_for_bash_completes(tmp_path):
         hydra_bash_completion
         echo "${{COMPREPLY[@]}}"
     """
-    assert python(f"import subprocess; subprocess.run(['bash', '-c', {script!r}], check=True)", tmp_path) == (
-        "controller. controller="
-    )
+    assert python(
+        f"import subprocess; subprocess.run(['bash', '-c', {script!r}], check=True)", tmp_path
+    ) == ("controller. controller=")
 
 
 SWALLOWS = """
@@ -296,7 +354,9 @@ cli._stoppable(careless)
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_command_that_takes_the_signal_for_its_own_ends_all_the_same(number):
-    with subprocess.Popen([sys.executable, "-c", SWALLOWS], stdout=PIPE, stderr=PIPE, text=True) as process:
+    with subprocess.Popen(
+        [sys.executable, "-c", SWALLOWS], stdout=PIPE, stderr=PIPE, text=True
+    ) as process:
         assert process.stdout.readline() == "in its hands\n"
         process.send_signal(number)
         _, said = process.communicate(timeout=TIMEOUT)

@@ -18,7 +18,11 @@ from mppi_belief.trial import run_trials, trials
 from mppi_belief.trial.rerun import differences, shown, ulps
 from study_helpers import row
 
-RUN = {"command": ["mppi-belief", "run"], "started": "2025-01-01T10:00:00+00:00", "algorithm": ALGORITHM_VERSION}
+RUN = {
+    "command": ["mppi-belief", "run"],
+    "started": "2025-01-01T10:00:00+00:00",
+    "algorithm": ALGORITHM_VERSION,
+}
 
 
 @pytest.fixture(scope="module")
@@ -97,13 +101,28 @@ def test_a_value_of_the_path_is_told_with_its_place(replay, kept, ran):
 
 
 def test_what_is_not_as_it_was_is_told_in_one_line(replay, kept):
-    change(kept, "part", "seed", 0, 0, versions={"jaxlib": "0.1", "jax": "0.2"}, processor="Z80", commit="a" * 40)
+    change(
+        kept,
+        "part",
+        "seed",
+        0,
+        0,
+        versions={"jaxlib": "0.1", "jax": "0.2"},
+        processor="Z80",
+        commit="a" * 40,
+    )
     said = replay(kept.name, "1")
     assert said.code == 0
     (line,) = (line for line in said.out.splitlines() if line.startswith("not as it was then: "))
     assert "python" not in line
     assert all(
-        text in line for text in ("jaxlib 0.1, now ", "jax 0.2, now ", "processor Z80, now ", "commit aaaaaaa, now")
+        text in line
+        for text in (
+            "jaxlib 0.1, now ",
+            "jax 0.2, now ",
+            "processor Z80, now ",
+            "commit aaaaaaa, now",
+        )
     )
 
 
@@ -136,14 +155,21 @@ def test_a_failed_trial_must_fail_the_same_way(replay, ran, tmp_path, monkeypatc
     assert "error: 'another one', now 'RuntimeError: no plan survives" in again.out
 
 
-def test_code_named_in_a_results_folder_is_looked_for_where_the_user_says_and_nowhere_else(replay, tmp_path, ran):
+def test_code_named_in_a_results_folder_is_looked_for_where_the_user_says_and_nowhere_else(
+    replay, tmp_path, ran
+):
     mine, flag = tmp_path / "mine", tmp_path / "imported"
     mine.mkdir()
     for folder in (mine, tmp_path):
         (folder / "planted_part.py").write_text(f"open({str(flag)!r}, 'w').close()\n")
     cell = Cell(compose(*SMALL) | {"controller": {"_target_": "planted_part.Part"}})
-    told = RUN | {"command": ["mppi-belief", "run", "--config-dir", str(mine)], "import_paths": [str(mine)]}
-    results.write_rows(tmp_path / "outputs" / "results" / cell.id, ran[1].rows, {"config": cell.config, **told})
+    told = RUN | {
+        "command": ["mppi-belief", "run", "--config-dir", str(mine)],
+        "import_paths": [str(mine)],
+    }
+    results.write_rows(
+        tmp_path / "outputs" / "results" / cell.id, ran[1].rows, {"config": cell.config, **told}
+    )
     said = replay(cell.id, "0")
     assert said.code == 2
     assert "of a module in a --config-dir folder" in said.err
@@ -196,9 +222,16 @@ def test_differences_are_of_bits():
 
     assert named(row(0, cost=math.nan, theta=1), row(0, cost=math.nan, theta=1.0)) == []
     assert named(row(0, cost=0.0), row(0, cost=-0.0)) == ["cost"]
-    assert named(row(0), row(0, collided=True, steps=4, error="oh")) == ["collided", "steps", "error"]
+    assert named(row(0), row(0, collided=True, steps=4, error="oh")) == [
+        "collided",
+        "steps",
+        "error",
+    ]
     assert named(row(0, nees=None, nis=2.0), row(0, nees=4.0, nis=3.0)) == ["nis"]
-    assert named(row(0, nees=math.nan, collided=None), row(0, nees=4.0, collided=True)) == ["collided", "nees"]
+    assert named(row(0, nees=math.nan, collided=None), row(0, nees=4.0, collided=True)) == [
+        "collided",
+        "nees",
+    ]
     step = {
         "step": 0,
         "state": np.zeros(2),
@@ -212,7 +245,9 @@ def test_differences_are_of_bits():
     (one,) = differences({}, {}, path, [step, step | {"state": moved["state"]}], "float64")
     assert (one.name, one.place, one.ulp, one.values) == ("state", "step 1, component 1", 1, 1)
     assert [d.name for d in differences({}, {}, [step], [moved], "float64")] == ["state", "cov"]
-    assert [d.name for d in differences({}, {}, [step], [step, moved], "float64")] == ["steps of the path"]
+    assert [d.name for d in differences({}, {}, [step], [step, moved], "float64")] == [
+        "steps of the path"
+    ]
 
 
 def test_a_picture_ends_where_the_numbers_do():
@@ -221,7 +256,12 @@ def test_a_picture_ends_where_the_numbers_do():
 
 
 def test_code_that_has_changed_since_is_told():
-    now = {"versions": dict.fromkeys(("python", "jax", "jaxlib", "numpy", "mppi-belief"), "1"), "threads": {}}
+    now = {
+        "versions": dict.fromkeys(("python", "jax", "jaxlib", "numpy", "mppi-belief"), "1"),
+        "threads": {},
+    }
     now |= dict.fromkeys(("algorithm", "processor", "platform", "device"), "same")
     then = {"config": {"code": {"mine": "aa", "yours": "cc"}}}
-    assert _changes(then, now | {"code": {"mine": "bb", "yours": "cc"}}) == ["code of mine aa, now bb"]
+    assert _changes(then, now | {"code": {"mine": "bb", "yours": "cc"}}) == [
+        "code of mine aa, now bb"
+    ]

@@ -56,15 +56,29 @@ def cells(*args: str) -> list[Cell]:
 
 
 def source(**changes: Any) -> dict[str, Any]:
-    run = {"command": ["mppi-belief", "run", *TABLE_1], "started": "2025-01-01T10:00:00+00:00", "elapsed": 60.0}
-    return run | {"commit": "4a7f400", "dirty": False, "algorithm": 1, "versions": {"jaxlib": "0.7.1"}} | changes
+    run = {
+        "command": ["mppi-belief", "run", *TABLE_1],
+        "started": "2025-01-01T10:00:00+00:00",
+        "elapsed": 60.0,
+    }
+    return (
+        run
+        | {"commit": "4a7f400", "dirty": False, "algorithm": 1, "versions": {"jaxlib": "0.7.1"}}
+        | changes
+    )
 
 
 def fill(root: Path, *args: str, n: int = 12, **changes: Any) -> list[Cell]:
     """Results of every cell of a study, as its run leaves them but for the pictures."""
     made, rng = cells(*args), np.random.default_rng(1)
     for cell in made:
-        folder = store(root, cell, random_trials(rng, range(n), 0.25, 50.0), [1e-3, 2e-3, 3e-3], source(**changes))
+        folder = store(
+            root,
+            cell,
+            random_trials(rng, range(n), 0.25, 50.0),
+            [1e-3, 2e-3, 3e-3],
+            source(**changes),
+        )
         assert folder.is_dir()
     return made
 
@@ -87,12 +101,20 @@ def test_complete_results_become_a_page_and_tables(report, root, folder):
     assert "missing" not in said.out
     assert set(FILES) <= set(files_in(folder))
     table = pd.read_csv(folder / "table_1.csv")
-    costs = [pd.concat(map(pd.read_parquet, (root / cell.id).glob("*.parquet")))["cost"].mean() for cell in made]
+    costs = [
+        pd.concat(map(pd.read_parquet, (root / cell.id).glob("*.parquet")))["cost"].mean()
+        for cell in made
+    ]
     np.testing.assert_allclose(table["cost"], costs, rtol=1e-12)
     assert table["controller"].tolist() == ["belief", "ce", "pipf", "ilqg"]
     page = (folder / "index.html").read_text()
     for name, cost in zip(("MPPI-Belief", "CE-MPPI", "PIPF", "EKF-iLQG"), costs, strict=True):
-        for text in (said.out, page, (folder / "table_1.tex").read_text(), (folder / "table_1.md").read_text()):
+        for text in (
+            said.out,
+            page,
+            (folder / "table_1.tex").read_text(),
+            (folder / "table_1.md").read_text(),
+        ):
             assert name in text
             assert f"{cost:.1f}" in text
     assert "4a7f400" in page
@@ -112,7 +134,14 @@ def test_a_second_call_writes_the_same_bytes(report, root, folder):
         store_pictured(root / cell.id, TRIAL)
     assert report(*TABLE_1).code == 0
     before = {path.name: path.read_bytes() for path in folder.iterdir()}
-    assert {"figure_1.png", "figure_1.pdf", "matching.png", "matching.pdf", "animation.gif", *FILES} <= set(before)
+    assert {
+        "figure_1.png",
+        "figure_1.pdf",
+        "matching.png",
+        "matching.pdf",
+        "animation.gif",
+        *FILES,
+    } <= set(before)
     for path in folder.iterdir():
         os.utime(path, (0, 0))
     assert report(*TABLE_1).code == 0
@@ -149,7 +178,11 @@ def test_without_any_results_there_is_a_page_that_says_so(report, folder):
 
 def test_failed_trials_are_not_missing(report, root, folder):
     for cell in cells(*TABLE_1):
-        store(root, cell, [*random_trials(np.random.default_rng(1), range(10), 0.0, 50.0), lost(10), lost(11)])
+        store(
+            root,
+            cell,
+            [*random_trials(np.random.default_rng(1), range(10), 0.0, 50.0), lost(10), lost(11)],
+        )
     said = report(*TABLE_1)
     assert (said.code, said.err) == (0, "")
     assert pd.read_csv(folder / "table_1.csv")["failed"].tolist() == [2] * 4
@@ -164,8 +197,15 @@ def test_cells_whose_trials_all_failed_do_not_stop_it(report, root, folder):
     assert "48 trials failed" in (folder / "index.html").read_text()
 
 
-def test_the_command_that_is_told_runs_the_missing_trials_of_these_settings(report, root, folder, tmp_path):
-    settings = ["seed=3", "n_trials=5", f"results_dir={tmp_path / 'my results'}", "cost.goal=[7, 1, 0, 0]"]
+def test_the_command_that_is_told_runs_the_missing_trials_of_these_settings(
+    report, root, folder, tmp_path
+):
+    settings = [
+        "seed=3",
+        "n_trials=5",
+        f"results_dir={tmp_path / 'my results'}",
+        "cost.goal=[7, 1, 0, 0]",
+    ]
     said = report("experiment=reference_scenario", *settings)
     assert said.code == 3
     (line,) = [line for line in said.out.splitlines() if line.startswith("missing")]
@@ -181,7 +221,12 @@ def spoil(folder: Path) -> list[str]:
     (folder / "part-empty.parquet").touch()
     pq.write_table(pa.table({"trial": [0], "note": ["not ours"]}), folder / "part-foreign.parquet")
     (folder / "paths-noise.parquet").write_bytes(b"PAR1" + bytes(range(256)) + b"PAR1")
-    return ["part-torn.parquet", "part-empty.parquet", "part-foreign.parquet", "paths-noise.parquet"]
+    return [
+        "part-torn.parquet",
+        "part-empty.parquet",
+        "part-foreign.parquet",
+        "paths-noise.parquet",
+    ]
 
 
 def test_files_that_cannot_be_read_are_named_once_and_skipped(report, root, folder):
@@ -211,7 +256,12 @@ def test_small_files_that_are_torn_do_not_stop_it(report, root, folder):
     said = report(*TABLE_1)
     assert (said.code, said.err) == (0, "")
     assert set(FILES) <= set(files_in(folder))
-    assert pd.read_csv(folder / "table_1.csv")["time"].isna().tolist() == [True, False, False, False]
+    assert pd.read_csv(folder / "table_1.csv")["time"].isna().tolist() == [
+        True,
+        False,
+        False,
+        False,
+    ]
 
 
 def test_make_report_runs_the_studies_that_the_report_shows():
@@ -295,7 +345,9 @@ def test_a_study_of_a_users_own_has_a_section(report, root, folder, tmp_path):
     assert (said.code, said.err) == (3, "")
     missing, _, command = said.out.splitlines()[-2].partition("; ")
     assert missing == "missing: 24 trials in 2 of 2 cells of two_seeds"
-    assert [cell.id for cell in fill(root, *study)] == [cell.id for cell in cells(*shlex.split(command)[2:])]
+    assert [cell.id for cell in fill(root, *study)] == [
+        cell.id for cell in cells(*shlex.split(command)[2:])
+    ]
     said = report(*study)
     assert (said.code, said.err) == (0, "")
     assert report(*study[2:], *study[:2]) == said
@@ -307,10 +359,18 @@ def test_a_study_of_a_users_own_has_a_section(report, root, folder, tmp_path):
 
 
 def test_another_folder_and_other_settings_are_obeyed(report, tmp_path):
-    settings = ["experiment=reference_scenario", "seed=9", "n_trials=4", "results_dir=elsewhere/results"]
+    settings = [
+        "experiment=reference_scenario",
+        "seed=9",
+        "n_trials=4",
+        "results_dir=elsewhere/results",
+    ]
     fill(tmp_path / "elsewhere" / "results", *settings, n=6)
     said = report(*settings, "report_dir=elsewhere/report")
     assert (said.code, said.err) == (0, "")
     assert said.out.endswith("report: elsewhere/report/index.html\n")
     assert files_in(tmp_path) == ["elsewhere"]
-    assert pd.read_csv(tmp_path / "elsewhere" / "report" / "reference_scenario.csv")["trials"].tolist() == [4] * 2
+    assert (
+        pd.read_csv(tmp_path / "elsewhere" / "report" / "reference_scenario.csv")["trials"].tolist()
+        == [4] * 2
+    )

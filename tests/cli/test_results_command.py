@@ -30,15 +30,28 @@ CELL, OTHER = setting(theta=1.0), setting("ce", theta=0.0)
 
 
 def source(**changes: Any) -> dict[str, Any]:
-    run = {"command": ["mppi-belief", "run", "theta=1"], "started": "2025-01-01T10:00:00+00:00", "elapsed": 60.0}
-    made = {"commit": "4a7f400c0ffee", "dirty": False, "algorithm": ALGORITHM_VERSION, "processor": "Z80"}
+    run = {
+        "command": ["mppi-belief", "run", "theta=1"],
+        "started": "2025-01-01T10:00:00+00:00",
+        "elapsed": 60.0,
+    }
+    made = {
+        "commit": "4a7f400c0ffee",
+        "dirty": False,
+        "algorithm": ALGORITHM_VERSION,
+        "processor": "Z80",
+    }
     return run | made | {"versions": {"jaxlib": "0.7.1", "mppi-belief": "0.1.0"}} | changes
 
 
 def rows_of(cell: Cell, n: int, first: int = 0, **values: Any) -> list[dict[str, Any]]:
     """Rows as the cell's trials leave them."""
     group = cell.config["controller"], cell.config["cost"]
-    told = {"theta": group[0]["theta"], "w_obs": group[1]["w_obs"], "controller": cell.config["names"]["controller"]}
+    told = {
+        "theta": group[0]["theta"],
+        "w_obs": group[1]["w_obs"],
+        "controller": cell.config["names"]["controller"],
+    }
     return [row(trial, **told, **values) for trial in range(first, first + n)]
 
 
@@ -67,7 +80,9 @@ def lines(said: Said) -> list[str]:
 
 
 def test_the_list_has_a_line_a_cell_with_its_statuses_settings_commit_and_age(command, cell, root):
-    store(root, OTHER, [*rows_of(OTHER, 2), lost(2) | {"status": "crashed"}], (), source(dirty=True))
+    store(
+        root, OTHER, [*rows_of(OTHER, 2), lost(2) | {"status": "crashed"}], (), source(dirty=True)
+    )
     for path in cell.iterdir():
         os.utime(path, (0, time.time() - 7000))
     future = time.time() + 9e6
@@ -92,7 +107,9 @@ def test_settings_that_differ_are_shown_and_those_that_do_not_are_not(command, r
     assert sorted(line.split()[5] for line in others) == ["0.1", "0.2"]
 
 
-def test_cells_that_no_command_of_today_finds_are_superseded_and_left_out_of_the_export(command, cell, root):
+def test_cells_that_no_command_of_today_finds_are_superseded_and_left_out_of_the_export(
+    command, cell, root
+):
     old = store(root, OTHER, rows_of(OTHER, 3), (), source(algorithm=ALGORITHM_VERSION - 1))
     (line,) = (line for line in lines(command()) if OTHER.id in line)
     assert f"superseded: algorithm {ALGORITHM_VERSION - 1}, today {ALGORITHM_VERSION}" in line
@@ -112,10 +129,16 @@ def test_an_unreadable_file_is_named_and_the_rest_is_there(command, cell):
 
 def test_nothing_there_is_said(command, root, tmp_path):
     said = command()
-    assert (said.code, said.out, said.err) == (2, "", "mppi-belief: results_dir=outputs/results: no such folder\n")
+    assert (said.code, said.out, said.err) == (
+        2,
+        "",
+        "mppi-belief: results_dir=outputs/results: no such folder\n",
+    )
     root.mkdir(parents=True)
     assert lines(command()) == ["no results in outputs/results"]
-    assert lines(command("verify", f"results_dir={root}")) == ["0 cells, 0 files checked: all is well"]
+    assert lines(command("verify", f"results_dir={root}")) == [
+        "0 cells, 0 files checked: all is well"
+    ]
 
 
 BAD = {
@@ -157,9 +180,20 @@ def test_a_cell_is_named_by_its_beginning_or_its_folder(command, cell, root):
 def test_show_says_where_a_cell_comes_from_and_what_went_wrong(command, root):
     run = source(elapsed=5.0)
     folder = store(root, CELL, [*rows_of(CELL, 10), lost(10), lost(11)], [1e-3, 3e-3], run)
-    store(root, CELL, rows_of(CELL, 3, first=12), (), source(commit="b" * 40, started="2025-02-01T00:00:00+00:00"))
+    store(
+        root,
+        CELL,
+        rows_of(CELL, 3, first=12),
+        (),
+        source(commit="b" * 40, started="2025-02-01T00:00:00+00:00"),
+    )
     said = "\n".join(lines(command("show", CELL.id)))
-    for text in ("theta: 1.0", "trials     0..11\n", "trials     12..14\n", "command    mppi-belief run theta=1\n"):
+    for text in (
+        "theta: 1.0",
+        "trials     0..11\n",
+        "trials     12..14\n",
+        "command    mppi-belief run theta=1\n",
+    ):
         assert text in said
     assert "2 error, e.g. trial 10: oh dear" in said
     assert f"commit     {'b' * 40}\n" in said
@@ -170,7 +204,10 @@ def test_show_says_where_a_cell_comes_from_and_what_went_wrong(command, root):
 
 def test_an_export_reads_back_bit_for_bit(command, root, tmp_path):
     swept = setting(**{"controller.horizon": 7})
-    made = [one | {"cost": value} for one, value in zip(rows_of(swept, len(EXTREMES)), EXTREMES, strict=True)]
+    made = [
+        one | {"cost": value}
+        for one, value in zip(rows_of(swept, len(EXTREMES)), EXTREMES, strict=True)
+    ]
     store(root, swept, [*made, lost(8) | {"error": 'a "b",\nc'}], (), source(dirty=True))
     store(root, OTHER, rows_of(OTHER, 1), (), source(commit=None))
     assert lines(command("export", "--csv", "--to", "all.csv")) == ["10 rows of 2 cells in all.csv"]
@@ -233,7 +270,9 @@ def test_compaction_takes_the_longest_time_of_a_run_and_lets_go_of_failed_rows(c
 
 
 @pytest.mark.parametrize("stops", range(4))
-def test_compaction_that_is_killed_while_it_removes_loses_nothing(stops, command, cell, monkeypatch):
+def test_compaction_that_is_killed_while_it_removes_loses_nothing(
+    stops, command, cell, monkeypatch
+):
     store_pictured(cell, 4)
     before, paths = results.result_hash(results.read_rows(cell)), results.read_paths(cell)
     unlink, removed = Path.unlink, []
@@ -326,7 +365,9 @@ def rewritten(path: Path, change: Callable[[pa.Table], pa.Table]) -> None:
 def with_column(name: str, value: Any) -> Callable[[pa.Table], pa.Table]:
     def change(table: pa.Table) -> pa.Table:
         at = table.column_names.index(name)
-        return table.set_column(at, name, pa.array([value] * len(table), table.schema.field(name).type))
+        return table.set_column(
+            at, name, pa.array([value] * len(table), table.schema.field(name).type)
+        )
 
     return change
 
@@ -348,7 +389,9 @@ def break_config(cell: Path) -> None:
 
 def break_trials(cell: Path) -> None:
     _, table = results.read_table(min(cell.glob("part-*")))
-    results.write_table(cell, "part", table.slice(0, 3), [{"trials": [[0, 9]], "config": CELL.config, **source()}])
+    results.write_table(
+        cell, "part", table.slice(0, 3), [{"trials": [[0, 9]], "config": CELL.config, **source()}]
+    )
 
 
 def break_path(cell: Path) -> None:
@@ -365,14 +408,21 @@ BREAKS: dict[str, tuple[Callable[[Path], object], str]] = {
     "a torn scene": (lambda cell: (cell / "scene.json").write_text("{"), "scene.json"),
     "another cell's file": (
         lambda cell: shutil.copy(
-            next(store(cell.parents[1] / "elsewhere", OTHER, rows_of(OTHER, 1), (), source()).glob("part-*")), cell
+            next(
+                store(cell.parents[1] / "elsewhere", OTHER, rows_of(OTHER, 1), (), source()).glob(
+                    "part-*"
+                )
+            ),
+            cell,
         ),
         f"it belongs to {OTHER.id}",
     ),
     "a configuration": (break_config, "its configuration is not that of this cell"),
     "trials of no run": (break_trials, "it has trials 0..2, its runs 0..9"),
     "another result": (
-        lambda cell: results.write_rows(cell, rows_of(CELL, 1, cost=np.nextafter(3.0, 4)), {"config": CELL.config}),
+        lambda cell: results.write_rows(
+            cell, rows_of(CELL, 1, cost=np.nextafter(3.0, 4)), {"config": CELL.config}
+        ),
         "trials 0: two rows that differ",
     ),
     "a seed": (
@@ -390,23 +440,40 @@ BREAKS: dict[str, tuple[Callable[[Path], object], str]] = {
 
 @pytest.mark.parametrize("what", BREAKS)
 def test_verify_finds_what_is_broken(what, command, cell):
-    assert lines(command("verify"))[-1] == f"1 cells, {len(files_in(cell))} files checked: all is well"
+    assert (
+        lines(command("verify"))[-1] == f"1 cells, {len(files_in(cell))} files checked: all is well"
+    )
     change, expected = BREAKS[what]
     change(cell)
     said = command("verify", CELL.id)
     assert said.code == 3
-    assert any(expected in line and line.startswith("outputs/results/belief-") for line in said.out.splitlines())
+    assert any(
+        expected in line and line.startswith("outputs/results/belief-")
+        for line in said.out.splitlines()
+    )
     assert "problem" in said.out.splitlines()[-1]
 
 
 def test_what_may_be_there_twice_is_no_problem(command, cell):
     """Rows of two runs at the same time, a failed row beside a good one, files of the first format."""
-    store(cell.parent, CELL, rows_of(CELL, 3, first=8), (), source(started="2025-03-01T00:00:00+00:00"))
-    results.write_rows(cell, [lost(4) | {"controller": "belief"}], {"config": CELL.config, **source()})
+    store(
+        cell.parent,
+        CELL,
+        rows_of(CELL, 3, first=8),
+        (),
+        source(started="2025-03-01T00:00:00+00:00"),
+    )
+    results.write_rows(
+        cell, [lost(4) | {"controller": "belief"}], {"config": CELL.config, **source()}
+    )
     path = min(cell.glob("part-*"))
     about = {"format": 1, "config": CELL.config, **source()}
-    pq.write_table(pq.read_table(path).replace_schema_metadata({b"mppi-belief": json.dumps(about)}), path)
-    assert lines(command("verify"))[-1].endswith("(1 tables of format 1 carry no hash of their values): all is well")
+    pq.write_table(
+        pq.read_table(path).replace_schema_metadata({b"mppi-belief": json.dumps(about)}), path
+    )
+    assert lines(command("verify"))[-1].endswith(
+        "(1 tables of format 1 carry no hash of their values): all is well"
+    )
 
 
 def test_times_and_sizes_in_words():
@@ -415,7 +482,13 @@ def test_times_and_sizes_in_words():
     assert [bytes_in_words(n) for n in (0, 999, 1000, 99499, 999499, 999500, 2 * 10**12)] == [
         "0 B", "999 B", "1.0 kB", "99.5 kB", "999 kB", "1.0 MB", "2000 GB",
     ]  # fmt: skip
-    assert [time_in_words(s) for s in (0, 59, 60, 7200, 86400 * 3)] == ["0 s", "59 s", "1 min", "2 h", "3 d"]
+    assert [time_in_words(s) for s in (0, 59, 60, 7200, 86400 * 3)] == [
+        "0 s",
+        "59 s",
+        "1 min",
+        "2 h",
+        "3 d",
+    ]
 
 
 def test_completion_of_commands_and_cells(cell, tmp_path, capsys):
@@ -426,7 +499,9 @@ def test_completion_of_commands_and_cells(cell, tmp_path, capsys):
         "mppi-belief replay ": [cell.name, "results_dir="],
         "mppi-belief replay results_dir=nowhere b": [],
     }.items():
-        said = call(tmp_path, capsys, "-sc", "query=bash", COMP_LINE=line, COMP_POINT=str(len(line)))
+        said = call(
+            tmp_path, capsys, "-sc", "query=bash", COMP_LINE=line, COMP_POINT=str(len(line))
+        )
         assert (said.code, said.err, said.out.split()) == (0, "", expected)
 
 

@@ -37,7 +37,9 @@ def instant(monkeypatch) -> list[tuple]:
     def certify_all(names, seed, workers, initializer) -> Iterator[runner.Done]:
         calls.append((tuple(names), seed, workers))
         for name in reversed(names):
-            yield runner.Done(name, made(name, 2.0 if seed == 13 and name == names[-1] else 0.0), "", 0.5)
+            yield runner.Done(
+                name, made(name, 2.0 if seed == 13 and name == names[-1] else 0.0), "", 0.5
+            )
 
     monkeypatch.setattr(runner, "certify_all", certify_all)
     return calls
@@ -83,12 +85,18 @@ def test_some_of_them_leave_the_others_alone(verify, instant, tmp_path):
         (["cole_hop"], "unknown certificate 'cole_hop'; did you mean 'cole_hopf'?"),
         ([""], "unknown certificate ''; see mppi-belief verify --help"),
         (["zzz"], "unknown certificate 'zzz'; see mppi-belief verify --help"),
-        (["cole_hopf", "system=light_dark"], "verify: either certificates or a system, not 'cole_hopf' with"),
+        (
+            ["cole_hopf", "system=light_dark"],
+            "verify: either certificates or a system, not 'cole_hopf' with",
+        ),
         (["sede=3"], "unknown key 'sede'; did you mean 'seed'?"),
         (["seed=-1"], "seed=-1: must be at least 0"),
         (["-m", "theta=0,1"], "verify: one system at a time"),
         (["verify_dir="], "verify_dir: must name a folder"),
-        (["cole_hopf", "seed=1", "theta=0"], "verify: either certificates or a system, not 'cole_hopf' with 'theta=0'"),
+        (
+            ["cole_hopf", "seed=1", "theta=0"],
+            "verify: either certificates or a system, not 'cole_hopf' with 'theta=0'",
+        ),
         (["--config-dir", "."], "verify: --config-dir is for a system; name it with system=NAME"),
     ],
 )

@@ -37,7 +37,9 @@ def run(folder: Path, *args: str, n_trials: int = TRIALS) -> Ended:
     """A study in a folder, until it ends."""
     began = time.monotonic()
     command = [COMMAND, *STUDY, f"n_trials={n_trials}", "results_dir=results", *args]
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=300, check=False)
+    done = subprocess.run(
+        command, cwd=folder, capture_output=True, text=True, timeout=300, check=False
+    )
     return Ended(done.returncode, done.stderr, time.monotonic() - began)
 
 
@@ -53,7 +55,9 @@ def parts(folder: Path) -> list[Path]:
 
 def jobs(*states: str) -> list[str]:
     """The jobs that are in one of the states, or in any but completing."""
-    said = subprocess.run(["squeue", "-h", "-o", "%A %t"], capture_output=True, text=True, timeout=30, check=True)
+    said = subprocess.run(
+        ["squeue", "-h", "-o", "%A %t"], capture_output=True, text=True, timeout=30, check=True
+    )
     found = [line.split() for line in said.stdout.splitlines()]
     return [job for job, state in found if state in states or (not states and state != "CG")]
 

@@ -40,11 +40,17 @@ def dask(what: str, *args: str) -> Iterator["subprocess.Popen[bytes]"]:
 
 
 @contextmanager
-def scheduler(folder: Path, name: str, *workers: str) -> Iterator[tuple[str, "subprocess.Popen[bytes]"]]:
+def scheduler(
+    folder: Path, name: str, *workers: str
+) -> Iterator[tuple[str, "subprocess.Popen[bytes]"]]:
     """A scheduler with a worker for each line of options: its address, its process."""
     file = folder / f"{name}.json"
     with dask("scheduler", "--host=127.0.0.1", "--port=0", f"--scheduler-file={file}") as process:
-        address = poll(lambda: file.exists() and file.stat().st_size and json.loads(file.read_text())["address"])
+        address = poll(
+            lambda: (
+                file.exists() and file.stat().st_size and json.loads(file.read_text())["address"]
+            )
+        )
         with ExitStack() as stack:
             for options in workers:
                 stack.enter_context(dask("worker", address, *options.split()))
@@ -56,7 +62,10 @@ def test_a_scheduler_that_dies_ends_the_run_and_another_goes_on_with_it(tmp_path
         args = ("results_dir=results", "executor=dask", f"executor.address={address}")
         return started(tmp_path, *STUDY, f"n_trials={TRIALS}", *args)
 
-    with scheduler(tmp_path, "first", *["--nthreads=1"] * 2) as (address, process), begun(address) as command:
+    with (
+        scheduler(tmp_path, "first", *["--nthreads=1"] * 2) as (address, process),
+        begun(address) as command,
+    ):
         poll(lambda: parts(tmp_path), 100)
         process.kill()
         killed = time.monotonic()
@@ -79,5 +88,7 @@ def test_a_worker_with_two_threads_is_refused_in_one_line(tmp_path):
     with scheduler(tmp_path, "first", "--nthreads=2") as (address, _):
         ended = run(tmp_path, "executor=dask", f"executor.address={address}")
     assert ended.code == 2
-    assert re.fullmatch(r"mppi-belief: the worker tcp\S+ has 2 threads: start it with --nthreads 1\n", ended.err)
+    assert re.fullmatch(
+        r"mppi-belief: the worker tcp\S+ has 2 threads: start it with --nthreads 1\n", ended.err
+    )
     assert not (tmp_path / "results").exists()

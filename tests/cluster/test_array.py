@@ -55,4 +55,6 @@ def test_parts_of_a_job_array_merge_by_lying_in_one_folder(array):
         here.mkdir()
         run(here, n_trials=TRIALS)
         assert results.result_hash(rows(here)) == results.result_hash(found)
-    assert [path.read_text() for path in array.glob("*.err") if "Traceback" in path.read_text()] == []
+    assert [
+        path.read_text() for path in array.glob("*.err") if "Traceback" in path.read_text()
+    ] == []

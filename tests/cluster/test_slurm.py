@@ -93,7 +93,9 @@ def test_a_signal_ends_the_jobs_and_the_same_command_goes_on(number, tmp_path, u
     assert same(tmp_path, undisturbed)
 
 
-def test_jobs_whose_parent_is_killed_end_by_themselves_and_the_same_command_goes_on(tmp_path, undisturbed):
+def test_jobs_whose_parent_is_killed_end_by_themselves_and_the_same_command_goes_on(
+    tmp_path, undisturbed
+):
     with begun(tmp_path) as process:
         poll(lambda: parts(tmp_path), 120)
         process.kill()
@@ -111,7 +113,9 @@ def test_an_unlucky_trial_is_given_up_and_no_other(fate, status, tmp_path, undis
     found = rows(tmp_path)
     assert found[found["status"] != "ok"][["trial", "status"]].to_numpy().tolist() == [[3, status]]
     others = rows(undisturbed)
-    assert found[found["trial"] != 3]["cost"].tolist() == others[others["trial"] != 3]["cost"].tolist()
+    assert (
+        found[found["trial"] != 3]["cost"].tolist() == others[others["trial"] != 3]["cost"].tolist()
+    )
     no_jobs()
 
 
@@ -136,7 +140,9 @@ def test_what_slurm_refuses_is_one_line(setting, why, tmp_path):
 def test_jobs_that_end_before_they_work_are_not_asked_for_for_ever(tmp_path):
     ended = run(tmp_path, *SLURM, 'executor.directives=["--output=/nowhere/at/all"]')
     assert ended.code == 75
-    assert re.fullmatch(r"mppi-belief: \d+ jobs ended before a worker came.*; the same command goes on\n", ended.err)
+    assert re.fullmatch(
+        r"mppi-belief: \d+ jobs ended before a worker came.*; the same command goes on\n", ended.err
+    )
     no_jobs()
 
 

@@ -20,7 +20,10 @@ OPTIONS = r"no such option, choose from .*"
         (["n_trials=1.5"], r"n_trials=1\.5: must be a whole number"),
         (["planner.horizon=many"], r"planner\.horizon=many: must be a whole number"),
         (["controler=belief"], r"unknown key 'controler'; did you mean 'controller'\?"),
-        (["controller=beleif"], rf"controller=beleif: {OPTIONS}belief, .*; did you mean 'belief'\?"),
+        (
+            ["controller=beleif"],
+            rf"controller=beleif: {OPTIONS}belief, .*; did you mean 'belief'\?",
+        ),
         (["system=moon"], rf"system=moon: {OPTIONS}beacons, light_dark, .*scalar_linear, .*"),
         (["sweep=thetta"], rf"sweep=thetta: {OPTIONS}; did you mean 'theta'\?"),
         (["thetta=1"], r"unknown key 'thetta'; did you mean 'theta'\?"),
@@ -28,7 +31,10 @@ OPTIONS = r"no such option, choose from .*"
         (["+foo=1"], r"unknown key 'foo'; see mppi-belief run --help"),
         (["++foo=1"], r"unknown key 'foo'; see mppi-belief run --help"),
         (["+foo.bar=1"], r"unknown key 'foo'; see mppi-belief run --help"),
-        (["controller.horizn=3"], r"unknown key 'controller\.horizn'; did you mean 'controller\.horizon'\?"),
+        (
+            ["controller.horizn=3"],
+            r"unknown key 'controller\.horizn'; did you mean 'controller\.horizon'\?",
+        ),
         (["system.lihgt=3"], r"unknown key 'system\.lihgt'; did you mean 'system\.light'\?"),
         (["problem.step=3"], r"unknown key 'problem\.step'; did you mean 'problem\.steps'\?"),
         (["planner.foo=1"], r"unknown key 'planner\.foo'; .*"),
@@ -75,7 +81,14 @@ def test_whatever_else_goes_wrong_is_one_line_that_names_what_was_given(args, na
 
 
 @pytest.mark.parametrize(
-    "key", ["cost.gaol", "controller.horizn", "system.obstacles.radus", "cost.obstacles.radus", "controller.wobs"]
+    "key",
+    [
+        "cost.gaol",
+        "controller.horizn",
+        "system.obstacles.radus",
+        "cost.obstacles.radus",
+        "controller.wobs",
+    ],
 )
 def test_what_is_suggested_exists(key):
     with pytest.raises(ConfigError, match=f"unknown key '{key}'") as caught:

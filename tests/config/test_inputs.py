@@ -48,7 +48,9 @@ def asking(folder: Path, capsys: Any, monkeypatch: pytest.MonkeyPatch) -> Callab
 
 def is_fine(said: Said) -> bool:
     """Done, or refused in one line."""
-    return (said.code, said.err) == (0, "") or (said.code == 2 and re.fullmatch(LINE, said.err) is not None)
+    return (said.code, said.err) == (0, "") or (
+        said.code == 2 and re.fullmatch(LINE, said.err) is not None
+    )
 
 
 def keys(node: Any, path: str = "") -> Iterator[str]:
@@ -65,20 +67,131 @@ WORLDS = [f"{group}={option}" for group in ("system", "controller") for option i
 OWN = {"names", "swept", "code"}
 KEYS = sorted(
     {key for world in WORLDS for key in keys(compose(world)) if key.split(".")[0] not in OWN}
-    | {"foo", "theta.x", "planner..horizon", "controller[0]", "names", "swept", "code", "folders", ""}
-    | {"hydra.run.dir", "hydra.job.chdir", "hydra.sweep.dir", "hydra.launcher", "hydra.mode", "hydra.output_subdir"}
-    | {"hydra.verbose", "hydra/job_logging", "hydra/launcher", "hydra.callbacks.x._target_", "hydra.searchpath"}
-    | {"hydra.sweeper.params", "hydra.sweeper._target_", "hydra", "hydra.job.env_set.X", "controller@hydra.callbacks"}
+    | {
+        "foo",
+        "theta.x",
+        "planner..horizon",
+        "controller[0]",
+        "names",
+        "swept",
+        "code",
+        "folders",
+        "",
+    }
+    | {
+        "hydra.run.dir",
+        "hydra.job.chdir",
+        "hydra.sweep.dir",
+        "hydra.launcher",
+        "hydra.mode",
+        "hydra.output_subdir",
+    }
+    | {
+        "hydra.verbose",
+        "hydra/job_logging",
+        "hydra/launcher",
+        "hydra.callbacks.x._target_",
+        "hydra.searchpath",
+    }
+    | {
+        "hydra.sweeper.params",
+        "hydra.sweeper._target_",
+        "hydra",
+        "hydra.job.env_set.X",
+        "controller@hydra.callbacks",
+    }
     | {"controller@foo", "system@_global_", *GROUPS}
 )
 VALUES = [
-    *("nan", "inf", "-inf", "1e400", "-1", "0", "1", "1.5", "1e-50", "1e30", "1e300", "9" * 400, "1_0", "0x10", "１"),
-    *("", "''", '""', " ", "null", "true", "[]", "{}", "[[]]", "[1,[2]]", "{a: 1}", "{1: 2}", "[nan]", "[1e39]", "[a]"),
-    *("ω", "日本", "a b", "a\tb", "a,b", "1,2", "'a,b'", "a=b", "a:b", "\\", "[", "}", "(", "!!int 3", "x" * 3000),
-    *("${theta}", "${seed}", "${nowhere}", "${", "${.x}", "${oc.env:HOME}", "${oc.env:NOT_THERE}", "${oc.decode:'[1'}"),
-    *("${oc.create:{a:1}}", "${now:%Y}", "${hydra:runtime.cwd}", "${unknown:1}", "${system}", "${controller}", "???"),
-    *("range(0,3)", "range(0,0)", "range(0,1,0)", "range(0,1e18)", "shuffle(range(0,1e18))", "interval(0,1)"),
-    *("choice(1,2)", "glob(*)", "glob(zz)", "sort(2,1)", "float(1)", "int(x)", "str(1)", "json_str(x)", "tag(a,1)"),
+    *(
+        "nan",
+        "inf",
+        "-inf",
+        "1e400",
+        "-1",
+        "0",
+        "1",
+        "1.5",
+        "1e-50",
+        "1e30",
+        "1e300",
+        "9" * 400,
+        "1_0",
+        "0x10",
+        "１",
+    ),
+    *(
+        "",
+        "''",
+        '""',
+        " ",
+        "null",
+        "true",
+        "[]",
+        "{}",
+        "[[]]",
+        "[1,[2]]",
+        "{a: 1}",
+        "{1: 2}",
+        "[nan]",
+        "[1e39]",
+        "[a]",
+    ),
+    *(
+        "ω",
+        "日本",
+        "a b",
+        "a\tb",
+        "a,b",
+        "1,2",
+        "'a,b'",
+        "a=b",
+        "a:b",
+        "\\",
+        "[",
+        "}",
+        "(",
+        "!!int 3",
+        "x" * 3000,
+    ),
+    *(
+        "${theta}",
+        "${seed}",
+        "${nowhere}",
+        "${",
+        "${.x}",
+        "${oc.env:HOME}",
+        "${oc.env:NOT_THERE}",
+        "${oc.decode:'[1'}",
+    ),
+    *(
+        "${oc.create:{a:1}}",
+        "${now:%Y}",
+        "${hydra:runtime.cwd}",
+        "${unknown:1}",
+        "${system}",
+        "${controller}",
+        "???",
+    ),
+    *(
+        "range(0,3)",
+        "range(0,0)",
+        "range(0,1,0)",
+        "range(0,1e18)",
+        "shuffle(range(0,1e18))",
+        "interval(0,1)",
+    ),
+    *(
+        "choice(1,2)",
+        "glob(*)",
+        "glob(zz)",
+        "sort(2,1)",
+        "float(1)",
+        "int(x)",
+        "str(1)",
+        "json_str(x)",
+        "tag(a,1)",
+    ),
     *(
         "os.system",
         "antigravity.X",
@@ -87,16 +200,31 @@ VALUES = [
         "mppi_belief.Problem",
         "mppi_belief.cli.main",
     ),
-    *("../system/light_dark", "/etc/passwd", "light_dark/", ".", "gpu", "float64", "sample", "belief", "pipf"),
+    *(
+        "../system/light_dark",
+        "/etc/passwd",
+        "light_dark/",
+        ".",
+        "gpu",
+        "float64",
+        "sample",
+        "belief",
+        "pipf",
+    ),
 ]
 WORD = st.builds(
     lambda sign, key, equals, value: f"{sign}{key}{equals}{value}",
     st.sampled_from(["", "", "", "", "+", "++", "~", "-"]),
     st.sampled_from(KEYS),
     st.sampled_from(["=", "=", "=", "=", "", ":"]),
-    st.sampled_from(VALUES) | st.text(max_size=8) | st.floats(width=16).map(str) | st.integers(-3, 300).map(str),
+    st.sampled_from(VALUES)
+    | st.text(max_size=8)
+    | st.floats(width=16).map(str)
+    | st.integers(-3, 300).map(str),
 )
-FLAG = st.sampled_from(["-m", "--help", "--cfg", "--cfg=job", "--", "-", "--config-dir=/dev/null", "-cn=x", "--run"])
+FLAG = st.sampled_from(
+    ["-m", "--help", "--cfg", "--cfg=job", "--", "-", "--config-dir=/dev/null", "-cn=x", "--run"]
+)
 COMMANDS = [["run"]] * 6 + [["verify"], ["report", "experiment=diffusion"]]
 
 
@@ -105,7 +233,12 @@ def room(tmp_path_factory) -> Path:
     return tmp_path_factory.mktemp("empty")
 
 
-@settings(max_examples=50, derandomize=True, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(
+    max_examples=50,
+    derandomize=True,
+    deadline=None,
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
+)
 @given(command=st.sampled_from(COMMANDS), words=st.lists(WORD | FLAG, min_size=1, max_size=2))
 def test_any_line_is_refused_in_one_line_or_can_be_run(command, words, room, capsys, monkeypatch):
     before = set(sys.modules)
@@ -162,7 +295,9 @@ NONSENSE = [
 ]
 
 
-@pytest.mark.parametrize("line", NONSENSE, ids=lambda line: line[:40].encode("unicode_escape").decode())
+@pytest.mark.parametrize(
+    "line", NONSENSE, ids=lambda line: line[:40].encode("unicode_escape").decode()
+)
 def test_nonsense_is_refused(line, ask, tmp_path):
     words = line.split(" ")
     said = ask("run", *words, *(() if "system" in line or "problem" in line else SMALL))
@@ -171,7 +306,9 @@ def test_nonsense_is_refused(line, ask, tmp_path):
     assert files_in(tmp_path) == []
 
 
-LAUGHS = "a0: &a0 [x, x]\n" + "".join(f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 9)}]\n" for n in range(1, 12))
+LAUGHS = "a0: &a0 [x, x]\n" + "".join(
+    f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 9)}]\n" for n in range(1, 12)
+)
 GOOD = "_target_: mppi_belief.LQG\nhorizon: 0\n"
 YAML = {
     "an alias bomb": (LAUGHS.encode(), r"more than 10000 values"),
@@ -183,12 +320,18 @@ YAML = {
     "binary": (bytes(range(128, 256)), r"must be UTF-8"),
     "a tab": (b"gain:\n\t1\n", r"bad\.yaml:2: .*\\t"),
     "a key twice": (b"gain: 1\ngain: 2\n", r"bad\.yaml:\d: found duplicate key gain"),
-    "a Python tag": (b"a: !!python/object/apply:os.system [x]\n", r"bad\.yaml:1: could not determine a constructor"),
+    "a Python tag": (
+        b"a: !!python/object/apply:os.system [x]\n",
+        r"bad\.yaml:1: could not determine a constructor",
+    ),
     "a path tag": (
         b"_target_: mppi_belief.LQG\nhorizon: !!python/object/apply:pathlib.Path [x]\n",
         r"horizon=.*number",
     ),
-    "bytes": (b"_target_: mppi_belief.LQG\nhorizon: !!binary aGk=\n", r"horizon=.*must be a number"),
+    "bytes": (
+        b"_target_: mppi_belief.LQG\nhorizon: !!binary aGk=\n",
+        r"horizon=.*must be a number",
+    ),
     "keys of numbers": (b"_target_: mppi_belief.LQG\n1: 2\n", r"controller/bad\.yaml: Key .*1"),
     "a list": (b"[1, 2]\n", r"bad"),
     "a word": (b"hello\n", r"controller has no _target_"),
@@ -198,9 +341,18 @@ YAML = {
         b"_target_: os.system\n",
         r"must name a class of mppi_belief or of a module in a --config-dir folder",
     ),
-    "other code inside": (b"_target_: mppi_belief.LQG\nhorizon:\n  _target_: os.system\n", r"horizon\._target_=os"),
-    "a callback": (b"# @package hydra.callbacks\nx:\n  _target_: antigravity.X\n", r"hydra\.callbacks cannot be set"),
-    "a folder": (b"# @package _global_\nhydra:\n  job:\n    chdir: true\n", r"hydra\.job\.chdir cannot be set"),
+    "other code inside": (
+        b"_target_: mppi_belief.LQG\nhorizon:\n  _target_: os.system\n",
+        r"horizon\._target_=os",
+    ),
+    "a callback": (
+        b"# @package hydra.callbacks\nx:\n  _target_: antigravity.X\n",
+        r"hydra\.callbacks cannot be set",
+    ),
+    "a folder": (
+        b"# @package _global_\nhydra:\n  job:\n    chdir: true\n",
+        r"hydra\.job\.chdir cannot be set",
+    ),
     "itself": (b"defaults:\n  - bad\n", r"contains itself"),
     "what is not there": (b"defaults:\n  - /controller: gone\n", r"gone"),
 }
@@ -222,7 +374,9 @@ def test_a_bad_yaml_is_refused_by_name(what, ask, tmp_path):
 
 def test_a_byte_order_mark_hides_no_package(ask, tmp_path):
     (tmp_path / "own" / "experiment").mkdir(parents=True)
-    (tmp_path / "own" / "experiment" / "mine.yaml").write_bytes(b"\xef\xbb\xbf# @package _global_\ntheta: -1\n")
+    (tmp_path / "own" / "experiment" / "mine.yaml").write_bytes(
+        b"\xef\xbb\xbf# @package _global_\ntheta: -1\n"
+    )
     assert "theta=-1: must be at least 0" in ask("run", "--config-dir=own", "experiment=mine").err
 
 
@@ -237,7 +391,16 @@ def test_a_configuration_that_makes_sense_is_accepted(ask, tmp_path):
 
 
 @pytest.mark.parametrize(
-    "words", [["run\n"], ["\udcff"], ["x" * 100_000], ["--", "run"], [""], ["verify", "\udcff"], ["report", "--", "x"]]
+    "words",
+    [
+        ["run\n"],
+        ["\udcff"],
+        ["x" * 100_000],
+        ["--", "run"],
+        [""],
+        ["verify", "\udcff"],
+        ["report", "--", "x"],
+    ],
 )
 def test_odd_commands_are_refused(words, ask):
     said = ask(*words)

@@ -12,11 +12,25 @@ from mppi_belief.errors import ConfigError, plain_line, unknown_key
 
 
 def settings(**changes: Any) -> dict[str, Any]:
-    top = {"theta": 1.0, "w_obs": 500.0, "seed": 0, "n_trials": 10, "workers": 2, "precision": "float32"}
+    top = {
+        "theta": 1.0,
+        "w_obs": 500.0,
+        "seed": 0,
+        "n_trials": 10,
+        "workers": 2,
+        "precision": "float32",
+    }
     how = {"platform": "cpu", "batch": None}
     planner = {"n_samples": 16, "horizon": 4, "temperature": 1.0, "control_std": None}
-    groups: dict[str, Any] = {group: {} for group in ("problem", "system", "cost", "filter", "controller")}
-    places = {"results_dir": "outputs", "report_dir": "outputs", "verify_dir": "outputs", "record": None}
+    groups: dict[str, Any] = {
+        group: {} for group in ("problem", "system", "cost", "filter", "controller")
+    }
+    places = {
+        "results_dir": "outputs",
+        "report_dir": "outputs",
+        "verify_dir": "outputs",
+        "record": None,
+    }
     places |= {"trial_timeout": 60.0, "shard": None, "executor": {"kind": "local"}}
     return {**top, **how, **places, "planner": planner, **groups, **changes}
 
@@ -89,7 +103,11 @@ def test_what_is_out_of_range_is_refused_by_name_in_one_line(key, value, reason)
     ("group", "wrap", "path"),
     [
         ("system", lambda x: {"light": x}, r"system\.light="),
-        ("cost", lambda x: {"obstacles": {"centers": [[1.0, 2.0], [3.0, x]]}}, r"cost\.obstacles\.centers="),
+        (
+            "cost",
+            lambda x: {"obstacles": {"centers": [[1.0, 2.0], [3.0, x]]}},
+            r"cost\.obstacles\.centers=",
+        ),
         ("planner", lambda x: {"temperature": x}, r"planner\.temperature="),
         ("controller", lambda x: {"a": [{"b": x}]}, r"controller\.a\.b="),
     ],
@@ -106,12 +124,15 @@ def test_unknown_keys_are_refused(key):
 
 
 def test_a_misspelt_key_gets_the_nearest_known_one():
-    assert unknown_key("thetta", ["w_obs", "theta"]) == "unknown key 'thetta'; did you mean 'theta'?"
+    assert (
+        unknown_key("thetta", ["w_obs", "theta"]) == "unknown key 'thetta'; did you mean 'theta'?"
+    )
     assert unknown_key("xyz", ["w_obs", "theta"]) == "unknown key 'xyz'; see mppi-belief run --help"
 
 
 @pytest.mark.parametrize(
-    ("platform", "batch", "size"), [("cpu", None, 1), ("gpu", None, 200), ("cpu", 8, 8), ("gpu", 1, 1)]
+    ("platform", "batch", "size"),
+    [("cpu", None, 1), ("gpu", None, 200), ("cpu", 8, 8), ("gpu", 1, 1)],
 )
 def test_a_batch_that_is_not_given_is_what_suits_the_platform(platform, batch, size):
     assert batch_size(settings(platform=platform, batch=batch)) == size
@@ -125,10 +146,26 @@ def test_a_trial_is_in_the_same_batch_whichever_are_missing():
 
 
 def test_a_whole_number_is_the_same_however_it_is_written():
-    given = {"a": 0.0, "b": [1.0, 2.5, {"c": -3.0}], "d": True, "e": "1.0", "f": None, "g": 2, "h": 1e300}
+    given = {
+        "a": 0.0,
+        "b": [1.0, 2.5, {"c": -3.0}],
+        "d": True,
+        "e": "1.0",
+        "f": None,
+        "g": 2,
+        "h": 1e300,
+    }
     made = canonical(given)
     assert repr(made) == repr(
-        {"a": 0, "b": [1, 2.5, {"c": -3}], "d": True, "e": "1.0", "f": None, "g": 2, "h": int(1e300)}
+        {
+            "a": 0,
+            "b": [1, 2.5, {"c": -3}],
+            "d": True,
+            "e": "1.0",
+            "f": None,
+            "g": 2,
+            "h": int(1e300),
+        }
     )
     assert given["a"].__class__ is float
 

@@ -23,7 +23,20 @@ def module(folder: Path, name: str, text: str) -> Path:
 
 @pytest.mark.parametrize(
     "name",
-    ["antigravity.X", "os.system", "mine.", ".mine.X", "mine", "", "a/b.C", "a..b", "mppi_beliefs.X", 3, None, ["a.B"]],
+    [
+        "antigravity.X",
+        "os.system",
+        "mine.",
+        ".mine.X",
+        "mine",
+        "",
+        "a/b.C",
+        "a..b",
+        "mppi_beliefs.X",
+        3,
+        None,
+        ["a.B"],
+    ],
 )
 def test_what_is_nobodys_is_refused_without_importing_it(name, tmp_path):
     with restored():
@@ -45,19 +58,30 @@ def test_only_modules_of_allowed_folders_are_imported(tmp_path):
         allow([tmp_path])
         assert locate("only_here.X", "controller") == 1
         assert locate("mppi_belief.LQG", "controller").__name__ == "LQG"
-        with pytest.raises(ConfigError, match=r"^controller\._target_=only_here\.Y: AttributeError: .*'Y'"):
+        with pytest.raises(
+            ConfigError, match=r"^controller\._target_=only_here\.Y: AttributeError: .*'Y'"
+        ):
             locate("only_here.Y", "controller")
     assert str(tmp_path) not in targets._FOLDERS
 
 
 @pytest.mark.parametrize(
-    "text", ["1 / 0", "raise SystemExit(3)", "import nowhere_at_all", "def", "raise RuntimeError('one\\ntwo')"]
+    "text",
+    [
+        "1 / 0",
+        "raise SystemExit(3)",
+        "import nowhere_at_all",
+        "def",
+        "raise RuntimeError('one\\ntwo')",
+    ],
 )
 def test_a_module_that_cannot_be_imported_is_one_line(text, tmp_path):
     module(tmp_path, "fails_to_load", text)
     with restored():
         allow([tmp_path])
-        with pytest.raises(ConfigError, match=r"^controller\._target_=fails_to_load\.X: \w+: ") as caught:
+        with pytest.raises(
+            ConfigError, match=r"^controller\._target_=fails_to_load\.X: \w+: "
+        ) as caught:
             locate("fails_to_load.X", "controller")
     assert len(str(caught.value).splitlines()) == 1
 
@@ -75,8 +99,13 @@ def test_a_fingerprint_is_of_the_file_and_of_all_files_of_a_package(tmp_path):
     file = module(tmp_path, "mine_a", "X = 1\n1 / 0\n")
     module(tmp_path, "pack/__init__", "")
     inner = module(tmp_path, "pack/inner", "Y = 1")
-    config = {"system": {"_target_": "mine_a.X", "o": {"_target_": "mppi_belief.Obstacles"}}, "cost": {"a": "mine_b.X"}}
-    assert fingerprints(config, [tmp_path]) == {"mine_a": hashlib.sha256(file.read_bytes()).hexdigest()[:12]}
+    config = {
+        "system": {"_target_": "mine_a.X", "o": {"_target_": "mppi_belief.Obstacles"}},
+        "cost": {"a": "mine_b.X"},
+    }
+    assert fingerprints(config, [tmp_path]) == {
+        "mine_a": hashlib.sha256(file.read_bytes()).hexdigest()[:12]
+    }
     assert "mine_a" not in sys.modules
     package = {"system": {"_target_": "pack.Y"}}
     before = fingerprints(package, [tmp_path])

@@ -46,25 +46,33 @@ def compare(
 ) -> None:
     """Run both, on the controller's normals and factors."""
     found = step(problem, controller, start)
-    planner = reference.Planner(q, phi, np.asarray(problem.cost.R), controller.temperature, problem.dt)
+    planner = reference.Planner(
+        q, phi, np.asarray(problem.cost.R), controller.temperature, problem.dt
+    )
     normals, factors = (
         np.asarray(controller._normals(KEY, len(start.mean), controller.n_samples)),
         np.asarray(found.factors),
     )
     mean, cov = (np.asarray(part) for part in start)
-    expected = reference.algorithm_1(model, planner, mean, cov, normals, factors, controller.schedule)
+    expected = reference.algorithm_1(
+        model, planner, mean, cov, normals, factors, controller.schedule
+    )
     np.testing.assert_allclose(found.u, expected, rtol=1e-8, atol=1e-10)
     assert np.linalg.norm(found.u) > 0.01
     assert found.ess > 2
     np.testing.assert_array_equal(found.plan, 0)
 
 
-@pytest.mark.parametrize(("evaluate", "schedule"), [("belief", "riccati"), ("belief", "filter"), ("mean", "filter")])
+@pytest.mark.parametrize(
+    ("evaluate", "schedule"), [("belief", "riccati"), ("belief", "filter"), ("mean", "filter")]
+)
 def test_light_dark(evaluate, schedule, x64):
     """A diffusion of rank 2 in four dimensions, risk-sensitive costs next to an obstacle, convention "sample"."""
     goal, theta, w_obs = np.array([7.0, 0, 0, 0]), 1.5, 3.0
     running, terminal = np.array([0.2, 0.2, 0.1, 0.1]), np.array([0.3, 0.3, 0.1, 0.1])
-    problem = light_dark_problem(cost={"running_weight": running, "terminal_weight": terminal, "w_obs": w_obs})
+    problem = light_dark_problem(
+        cost={"running_weight": running, "terminal_weight": terminal, "w_obs": w_obs}
+    )
     # position and velocity correlated: else D_0 and with it the control would vanish in the velocities
     root = np.array([[0.4, 0, 0, 0], [0.1, 0.3, 0, 0], [0.3, 0.05, 0.1, 0], [0, 0.25, 0, 0.1]])
     start = mb.Belief(jnp.array([2.2, 0.4, 1, 0]), jnp.asarray(root @ root.T))
@@ -81,7 +89,13 @@ def test_light_dark(evaluate, schedule, x64):
         return certain if evaluate == "mean" else certain + 0.5 * terminal @ np.diag(cov)
 
     controller = mb.MPPIBelief(
-        n_samples=40, horizon=6, theta=theta, temperature=0.3, schedule=schedule, evaluate=evaluate, **PRINTED
+        n_samples=40,
+        horizon=6,
+        theta=theta,
+        temperature=0.3,
+        schedule=schedule,
+        evaluate=evaluate,
+        **PRINTED,
     )
     compare(problem, controller, start, reference.light_dark(sampled=True, dt=0.1), q, phi)
 
@@ -90,7 +104,9 @@ def test_light_dark(evaluate, schedule, x64):
 def test_scalar_system(schedule, scalar, x64):
     s, problem = scalar, scalar.problem(8)
     A, B, C, Q, R_o = (np.array([[v]]) for v in (s.a, s.b, s.c, s.sigma_w**2, s.sigma_o**2))
-    controller = mb.MPPIBelief(n_samples=50, horizon=8, temperature=s.temperature, schedule=schedule, **PRINTED)
+    controller = mb.MPPIBelief(
+        n_samples=50, horizon=8, temperature=s.temperature, schedule=schedule, **PRINTED
+    )
     compare(
         problem,
         controller,
@@ -117,7 +133,11 @@ def test_a_diffusion_of_deficient_rank_gives_a_finite_control_in_float32(light_d
 
 def test_without_anything_to_learn_all_samples_are_the_nominal(x64):
     problem = light_dark_problem(system={"process_noise": 0}, prior_std=[0, 0, 0, 0])
-    found = step(problem, mb.MPPIBelief(n_samples=40, horizon=6, schedule="filter", **PRINTED), prior(problem))
+    found = step(
+        problem,
+        mb.MPPIBelief(n_samples=40, horizon=6, schedule="filter", **PRINTED),
+        prior(problem),
+    )
     np.testing.assert_array_equal(found.factors, 0)
     np.testing.assert_array_equal(found.u, 0)
     np.testing.assert_allclose(found.ess, 40, rtol=1e-12)

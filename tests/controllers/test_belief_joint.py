@@ -21,13 +21,17 @@ PLAN = 0.3 * jax.random.normal(jax.random.key(1), (6, 2))
 
 
 @quick_jit
-def act(problem: mb.Problem, controller: mb.Controller, plan: Array = PLAN) -> tuple[Array, Array, PlanInfo]:
+def act(
+    problem: mb.Problem, controller: mb.Controller, plan: Array = PLAN
+) -> tuple[Array, Array, PlanInfo]:
     return controller.act(problem, gaussians.prior(problem), plan, KEY)
 
 
 @quick_jit
 def state_costs(problem: mb.Problem, controls: Array) -> tuple[Array, Array]:
-    start = gaussians.RootBelief(jnp.asarray(problem.prior_mean), jnp.diag(jnp.asarray(problem.prior_std)))
+    start = gaussians.RootBelief(
+        jnp.asarray(problem.prior_mean), jnp.diag(jnp.asarray(problem.prior_std))
+    )
     return SMALL.state_costs(problem, start, controls)
 
 
@@ -41,7 +45,9 @@ def test_where_the_sensor_is_the_same_everywhere_it_is_mppi_belief(x64):
 
 
 def test_in_the_light_and_the_dark_it_is_not(x64):
-    looking = light_dark_problem(system={"light": 1.5, "noise_slope": 4}, prior_std=[1, 1, 0.05, 0.05])
+    looking = light_dark_problem(
+        system={"light": 1.5, "noise_slope": 4}, prior_std=[1, 1, 0.05, 0.05]
+    )
     own, shared = (act(looking, c) for c in (SMALL, SHARED))
     assert np.abs(own[0] - shared[0]).max() > 1e-3
     np.testing.assert_allclose(own[2].planned_cov, shared[2].planned_cov, rtol=1e-12, atol=1e-15)
@@ -66,7 +72,9 @@ def test_each_path_is_charged_for_the_belief_that_its_own_filter_would_have(x64)
 def test_a_path_to_the_light_costs_less_than_the_shared_covariance_says(x64):
     """Two ways of the same length: the one through the light is the cheaper one."""
     problem = light_dark_problem(
-        cost={"goal": [4, 0, 0, 0], "w_obs": 0}, prior_mean=[4.0, 0, 0, 0], prior_std=[1, 1, 0.01, 0.01]
+        cost={"goal": [4, 0, 0, 0], "w_obs": 0},
+        prior_mean=[4.0, 0, 0, 0],
+        prior_std=[1, 1, 0.01, 0.01],
     )
     push = jnp.stack([jnp.array([u, 0.0]) for u in (6.0, -6.0)], axis=1)
     controls = jnp.stack([push, push, -push, -push, -push, push])

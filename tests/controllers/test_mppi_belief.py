@@ -18,11 +18,15 @@ from mppi_belief.planning.path_integral import PlanInfo
 
 KEY = jax.random.key(7)
 # one shape for nearly all tests, so that they share what has been compiled
-SMALL = mb.MPPIBelief(n_samples=32, horizon=6, control_std=1.0, temperature=30.0, theta=0.7, antithetic=True)
+SMALL = mb.MPPIBelief(
+    n_samples=32, horizon=6, control_std=1.0, temperature=30.0, theta=0.7, antithetic=True
+)
 
 
 @quick_jit
-def act_on(problem: mb.Problem, controller: mb.MPPIBelief, plan: Array, key: Array) -> tuple[Array, Array, PlanInfo]:
+def act_on(
+    problem: mb.Problem, controller: mb.MPPIBelief, plan: Array, key: Array
+) -> tuple[Array, Array, PlanInfo]:
     return controller.act(problem, prior(problem), plan, key)
 
 
@@ -30,7 +34,9 @@ def act(
     controller: mb.MPPIBelief, problem: mb.Problem, plan: Array | None = None, key: Array = KEY
 ) -> tuple[Array, Array, PlanInfo]:
     """One step from the prior, on the zero nominal unless another is given."""
-    return act_on(problem, controller, controller.init(problem) if plan is None else jnp.asarray(plan), key)
+    return act_on(
+        problem, controller, controller.init(problem) if plan is None else jnp.asarray(plan), key
+    )
 
 
 def test_certainty_equivalence_is_belief_planning_with_nothing_uncertain(x64):
@@ -40,13 +46,18 @@ def test_certainty_equivalence_is_belief_planning_with_nothing_uncertain(x64):
     np.testing.assert_allclose(belief[0], mean[0], rtol=1e-10)
     np.testing.assert_allclose(belief[2].ess, mean[2].ess, rtol=1e-10)
     # where something is uncertain, they part
-    belief, mean = (act(replace(SMALL, evaluate=e, theta=0.0), light_dark_problem(**near)) for e in ("belief", "mean"))
+    belief, mean = (
+        act(replace(SMALL, evaluate=e, theta=0.0), light_dark_problem(**near))
+        for e in ("belief", "mean")
+    )
     assert np.abs(belief[0] - mean[0]).max() > 1e-3
 
 
 def test_certainty_equivalence_ignores_theta(light_dark, x64):
     controller = replace(SMALL, evaluate="mean")
-    np.testing.assert_array_equal(act(controller, light_dark)[0], act(replace(controller, theta=5.0), light_dark)[0])
+    np.testing.assert_array_equal(
+        act(controller, light_dark)[0], act(replace(controller, theta=5.0), light_dark)[0]
+    )
 
 
 def test_one_trace_serves_every_theta_temperature_and_weight():
@@ -58,7 +69,10 @@ def test_one_trace_serves_every_theta_temperature_and_weight():
         return controller.act(problem, prior(problem), controller.init(problem), KEY)[0]
 
     controls = [
-        step(light_dark_problem(cost={"w_obs": w_obs}), mb.MPPIBelief(16, 5, 10 * theta + 1, 2.75, theta=theta))
+        step(
+            light_dark_problem(cost={"w_obs": w_obs}),
+            mb.MPPIBelief(16, 5, 10 * theta + 1, 2.75, theta=theta),
+        )
         for theta, w_obs in ((0.0, 100), (0.5, 500), (5.0, 1e4))
     ]
     assert len(traces) == 1
@@ -132,8 +146,12 @@ def test_blocks_of_samples_are_weighted_as_if_they_were_one(count, light_dark, x
     monkeypatch.setattr(path_integral, "BLOCK", 10)
     controller = replace(SMALL, n_samples=count, antithetic=False)
     problem, plan = light_dark, jnp.full((6, 2), 0.3)
-    u, _, info = quick_jit(controller.act)(problem, prior(problem), plan, KEY)  # not act_on: it knows another BLOCK
-    increments = jnp.concatenate([controller._normals(key, 2, 8) for key in jax.random.split(KEY, 3)], -1)[..., :count]
+    u, _, info = quick_jit(controller.act)(
+        problem, prior(problem), plan, KEY
+    )  # not act_on: it knows another BLOCK
+    increments = jnp.concatenate(
+        [controller._normals(key, 2, 8) for key in jax.random.split(KEY, 3)], -1
+    )[..., :count]
 
     @quick_jit
     def all_at_once(problem: mb.Problem, increments: Array) -> tuple[Array, Array]:

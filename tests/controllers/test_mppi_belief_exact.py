@@ -28,7 +28,9 @@ def controller(s: Scalar, n_samples: int, horizon: int, **options) -> mb.MPPIBel
 
 def controls(problem: mb.Problem, planner: mb.MPPIBelief, nominal: Array, keys: Array) -> Array:
     """First controls (K,) for independent keys (K,)."""
-    return jax.lax.map(lambda key: planner.act(problem, prior(problem), nominal, key)[0][0], keys, batch_size=50)
+    return jax.lax.map(
+        lambda key: planner.act(problem, prior(problem), nominal, key)[0][0], keys, batch_size=50
+    )
 
 
 optimised, quick = jax.jit(controls), quick_jit(controls)  # much to compute, or little
@@ -44,13 +46,17 @@ def drawn(s: Scalar, keys: int, horizon: int, slope: float, options: tuple) -> n
     nominal = slope * jnp.linspace(1.0, 0.2, horizon)[:, None]
     planner = controller(s, horizon=horizon, **dict(options))
     compiled = optimised if planner.n_samples > 1000 else quick
-    return np.asarray(compiled(s.problem(horizon), planner, nominal, jax.random.split(jax.random.key(11), keys)))
+    return np.asarray(
+        compiled(s.problem(horizon), planner, nominal, jax.random.split(jax.random.key(11), keys))
+    )
 
 
 def exact(s: Scalar, horizon: int = 10) -> float:
     """(19) with the expectation done exactly."""
     dt = s.duration / horizon
-    return reference.gaussian_paths(s.a, s.b, s.diffusion, s.q, s.q_T, s.mean, dt, horizon, s.temperature).control
+    return reference.gaussian_paths(
+        s.a, s.b, s.diffusion, s.q, s.q_T, s.mean, dt, horizon, s.temperature
+    ).control
 
 
 def continuous(s: Scalar) -> float:
@@ -74,7 +80,8 @@ def test_the_control_is_the_exact_expectation(options, slope, scalar, x64):
 
 def test_innovation_and_matched_sampling_are_then_the_same(scalar, x64):
     innovation, matched = (
-        sample(scalar, KEYS, n_samples=SAMPLES, **options) for options in (INNOVATION, MATCHED | {"antithetic": False})
+        sample(scalar, KEYS, n_samples=SAMPLES, **options)
+        for options in (INNOVATION, MATCHED | {"antithetic": False})
     )
     # the factor of a scalar D is its root, so even the samples are the same
     np.testing.assert_allclose(innovation, matched, rtol=1e-8)
@@ -84,7 +91,15 @@ def test_a_wrong_nominal_without_its_girsanov_term_would_show(scalar, x64):
     """That the agreement above is the term's doing: alpha = 1 leaves it out."""
     deviation = np.sqrt(scalar.temperature / scalar.R * 10 / scalar.duration)
     with_term, without = (
-        sample(scalar, KEYS, n_samples=SAMPLES, slope=-1.5, control_std=deviation, alpha=alpha, antithetic=True)
+        sample(
+            scalar,
+            KEYS,
+            n_samples=SAMPLES,
+            slope=-1.5,
+            control_std=deviation,
+            alpha=alpha,
+            antithetic=True,
+        )
         for alpha in (0.0, 1.0)
     )
     assert_mean(with_term, exact(scalar))
@@ -93,7 +108,10 @@ def test_a_wrong_nominal_without_its_girsanov_term_would_show(scalar, x64):
 
 def test_bias_and_spread_fall_with_the_number_of_samples(scalar, x64):
     """The spread as 1 / sqrt(N); the bias of a ratio of averages as 1 / N, seen at N = 10, a tenth at N = 100."""
-    runs = [sample(scalar, keys, n_samples=n, **MATCHED) for n, keys in ((10, 2000), (100, 2000), (SAMPLES, KEYS))]
+    runs = [
+        sample(scalar, keys, n_samples=n, **MATCHED)
+        for n, keys in ((10, 2000), (100, 2000), (SAMPLES, KEYS))
+    ]
     biases, spreads = [u.mean() - exact(scalar) for u in runs], [u.std(ddof=1) for u in runs]
     errors = [spread / np.sqrt(len(u)) for spread, u in zip(spreads, runs, strict=True)]
     assert biases[0] > SIGMAS * errors[0]

@@ -35,12 +35,18 @@ def test_one_certain_particle_gives_the_control_of_ce_mppi(combine, light_dark, 
     pipf = mb.PIPF(n_samples=64, combine=combine, **SHARED)
     ce = mb.MPPIBelief(n_samples=64, evaluate="mean", **SHARED)
     belief = mb.Belief(jnp.asarray(state), jnp.zeros((4, 4)))
-    np.testing.assert_allclose(act(light_dark, pipf, particles(state)), act(light_dark, ce, belief), rtol=1e-12)
+    np.testing.assert_allclose(
+        act(light_dark, pipf, particles(state)), act(light_dark, ce, belief), rtol=1e-12
+    )
 
 
 def increments_and_costs(problem: mb.Problem, belief: ParticleBelief, n_samples: int):
     """Path costs (K, L) and first increments (K, L, nu), by a plain loop over the paths the controller draws."""
-    count, plan, R = belief.particles.shape[1] * n_samples, np.asarray(PLAN), np.asarray(problem.cost.R)
+    count, plan, R = (
+        belief.particles.shape[1] * n_samples,
+        np.asarray(PLAN),
+        np.asarray(problem.cost.R),
+    )
     deltas = SHARED["control_std"] * np.asarray(jax.random.normal(KEY, (10, 2, count)))
     costs = np.zeros(count)
     for i in range(count):
@@ -55,7 +61,9 @@ def increments_and_costs(problem: mb.Problem, belief: ParticleBelief, n_samples:
 
 @pytest.mark.parametrize("combine", ["average", "pooled"])
 def test_particles_are_combined_as_documented(combine, light_dark, x64):
-    belief = particles([1.0, 1.0, 0, 0], [2.0, 0.2, 1, 0], [4.0, -1.0, 0, 0.5], weights=[0.2, 0.5, 0.3])
+    belief = particles(
+        [1.0, 1.0, 0, 0], [2.0, 0.2, 1, 0], [4.0, -1.0, 0, 0.5], weights=[0.2, 0.5, 0.3]
+    )
     costs, deltas = increments_and_costs(light_dark, belief, n_samples=8)
     likelihoods = np.exp(-(costs - costs.min()) / SHARED["temperature"])
     posterior = np.exp(np.asarray(belief.log_weights))[:, None]
@@ -70,7 +78,10 @@ def test_particles_are_combined_as_documented(combine, light_dark, x64):
 
 def test_the_two_ways_to_combine_differ_where_particles_do(light_dark):
     belief = particles([1.0, 1.0, 0, 0], [4.0, -1.0, 0, 0.5])
-    controls = [act(light_dark, mb.PIPF(n_samples=64, combine=way, **SHARED), belief) for way in ("average", "pooled")]
+    controls = [
+        act(light_dark, mb.PIPF(n_samples=64, combine=way, **SHARED), belief)
+        for way in ("average", "pooled")
+    ]
     assert np.linalg.norm(controls[0] - controls[1]) > 0.1
 
 

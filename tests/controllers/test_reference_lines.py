@@ -15,12 +15,17 @@ STEPS = 10
 
 
 def costs(
-    problem: mb.Problem, controller: mb.Controller, filter: mb.Filter | None = None, trials: Array = TRIALS
+    problem: mb.Problem,
+    controller: mb.Controller,
+    filter: mb.Filter | None = None,
+    trials: Array = TRIALS,
 ) -> np.ndarray:
     """Realised costs (trials,), with the same noise for every controller."""
 
     def trial(index):
-        return mb.metrics(problem, mb.simulate_trial(problem, filter or mb.EKF(), controller, 0, index)).cost
+        return mb.metrics(
+            problem, mb.simulate_trial(problem, filter or mb.EKF(), controller, 0, index)
+        ).cost
 
     return np.asarray(jax.jit(lambda: jax.lax.map(trial, trials, batch_size=50))())
 
@@ -57,7 +62,10 @@ def test_ilqg_is_lqg_on_a_linear_quadratic_problem(scalar, x64):
 @pytest.mark.parametrize("name", ["belief", "ce", "pipf"])
 def test_sampling_controllers_approach_lqg_as_samples_grow(name, scalar):
     problem = scalar.problem(STEPS)
-    shared, optimal = {"horizon": STEPS, "temperature": scalar.temperature, "charge": "start"}, costs(problem, mb.LQG())
+    shared, optimal = (
+        {"horizon": STEPS, "temperature": scalar.temperature, "charge": "start"},
+        costs(problem, mb.LQG()),
+    )
 
     def excess(n_samples: int) -> np.ndarray:
         if name == "pipf":
@@ -87,6 +95,9 @@ def test_an_oracle_is_told_the_true_state_for_certain():
 def test_seeing_the_state_is_worth_something():
     problem, hundred = light_dark_problem(), TRIALS[:100]
     ce = {"n_samples": 200, "control_std": 2.75, "evaluate": "mean"}
-    blind, told = (costs(problem, mb.MPPIBelief(**ce, sees_state=sees), trials=hundred) for sees in (False, True))
+    blind, told = (
+        costs(problem, mb.MPPIBelief(**ce, sees_state=sees), trials=hundred)
+        for sees in (False, True)
+    )
     saved = blind - told
     assert saved.mean() > 4.5 * saved.std(ddof=1) / np.sqrt(len(saved))

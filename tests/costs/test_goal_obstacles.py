@@ -26,7 +26,9 @@ def test_base_penalty_and_terminal_by_their_formulas(light_dark, x64, rng):
     cost = light_dark.cost
     x = np.array([3, 0, 0, 0]) + rng.normal(size=(5, 4))
     np.testing.assert_allclose(jax.vmap(cost.base)(x), reference.quadratic(x, GOAL, QX), rtol=1e-13)
-    np.testing.assert_allclose(jax.vmap(cost.terminal)(x), reference.quadratic(x, GOAL, QT), rtol=1e-13)
+    np.testing.assert_allclose(
+        jax.vmap(cost.terminal)(x), reference.quadratic(x, GOAL, QT), rtol=1e-13
+    )
     np.testing.assert_allclose(jax.vmap(cost.penalty)(x), penalty(x), rtol=1e-13)
     np.testing.assert_allclose(cost.R, 0.035 * np.eye(2))
     assert isinstance(cost, Cost)
@@ -35,7 +37,9 @@ def test_base_penalty_and_terminal_by_their_formulas(light_dark, x64, rng):
 
 def test_full_weights_are_taken_as_they_are(x64, rng):
     Q, R = random_spd(rng, 4), random_spd(rng, 2)
-    cost = light_dark_problem(cost={"running_weight": Q, "terminal_weight": 2 * Q, "control_weight": R}).cost
+    cost = light_dark_problem(
+        cost={"running_weight": Q, "terminal_weight": 2 * Q, "control_weight": R}
+    ).cost
     x, cov = rng.normal(size=4), random_spd(rng, 4)
     np.testing.assert_allclose(cost.base(x), reference.quadratic(x[None], GOAL, Q)[0], rtol=1e-13)
     np.testing.assert_allclose(cost.R, R)
@@ -47,27 +51,41 @@ def test_full_weights_are_taken_as_they_are(x64, rng):
 def test_expected_base_cost_is_eq_4(light_dark, x64, rng):
     mean, cov = rng.normal(size=4), random_spd(rng, 4)
     found = running_moments(light_dark.cost, mean, cov)
-    np.testing.assert_allclose(found.base, light_dark.cost.base(mean) + 0.5 * np.trace(QX @ cov), rtol=1e-13)
+    np.testing.assert_allclose(
+        found.base, light_dark.cost.base(mean) + 0.5 * np.trace(QX @ cov), rtol=1e-13
+    )
 
 
 @pytest.mark.parametrize("w_obs", [1.0, 500.0, 1e4])
 def test_total_variance_equals_quadrature(w_obs, x64, rng):
     """Goal in the plane of positions, so that two dimensions are all there is."""
     cost = light_dark_problem(
-        cost={"goal": [7, 0], "running_weight": [1.5, 1.5], "terminal_weight": [5, 5], "w_obs": w_obs}
+        cost={
+            "goal": [7, 0],
+            "running_weight": [1.5, 1.5],
+            "terminal_weight": [5, 5],
+            "w_obs": w_obs,
+        }
     ).cost
     for spread in (0.02, 0.3):
         mean, cov = np.array([2.6, 0.7]), spread**2 * random_spd(rng, 2)
         m = running_moments(cost, mean, cov)
         expected = reference.covariance(
-            lambda x: reference.quadratic(x, GOAL[:2], QX[:2, :2]), lambda x: penalty(x, w_obs), mean, cov
+            lambda x: reference.quadratic(x, GOAL[:2], QX[:2, :2]),
+            lambda x: penalty(x, w_obs),
+            mean,
+            cov,
         )
-        np.testing.assert_allclose((m.base, m.penalty, m.base_var, m.penalty_var, m.covariance), expected, rtol=1e-9)
+        np.testing.assert_allclose(
+            (m.base, m.penalty, m.base_var, m.penalty_var, m.covariance), expected, rtol=1e-9
+        )
 
 
 @pytest.mark.parametrize("spread", [1e-4, 0.03, 0.3, 1.0])
 def test_float32_keeps_five_digits_at_the_largest_weight(spread):
-    cost = light_dark_problem(cost={"goal": [7, 0], "running_weight": [1.5, 1.5], "w_obs": 1e4}).cost
+    cost = light_dark_problem(
+        cost={"goal": [7, 0], "running_weight": [1.5, 1.5], "w_obs": 1e4}
+    ).cost
     mean = np.array([2.6, 0.7], dtype=np.float32)
     cov = (spread**2 * np.array([[1, 0.4], [0.4, 0.8]])).astype(np.float32)
     m = running_moments(cost, mean, cov)
@@ -78,7 +96,9 @@ def test_float32_keeps_five_digits_at_the_largest_weight(spread):
         cov.astype(np.float64),
     )
     assert m.penalty_var.dtype == np.float32
-    np.testing.assert_allclose((m.base, m.penalty, m.base_var, m.penalty_var, m.covariance), expected, rtol=1e-5)
+    np.testing.assert_allclose(
+        (m.base, m.penalty, m.base_var, m.penalty_var, m.covariance), expected, rtol=1e-5
+    )
 
 
 def test_all_moments_equal_those_of_samples_of_the_full_state(light_dark, x64, rng):
@@ -120,7 +140,11 @@ def test_moments_obey_cauchy_and_schwarz_in_float32(seed, log_spread):
     "cost", [{"obstacles": mb.Obstacles(c, 0.65)} for c in (np.zeros((0, 2)), [])] + [{"w_obs": 0}]
 )
 def test_without_obstacles_only_the_goal_counts(cost, x64, rng):
-    bare, mean, cov = light_dark_problem(cost=cost).cost, np.array([2.5, 0.6, 0, 0]), random_spd(rng, 4)
+    bare, mean, cov = (
+        light_dark_problem(cost=cost).cost,
+        np.array([2.5, 0.6, 0, 0]),
+        random_spd(rng, 4),
+    )
     full = running_moments(light_dark_problem().cost, mean, cov)
     m = running_moments(bare, mean, cov)
     assert (m.penalty, m.penalty_var, m.covariance) == (0, 0, 0)
@@ -130,14 +154,18 @@ def test_without_obstacles_only_the_goal_counts(cost, x64, rng):
 
 def test_obstacle_moments_scale_with_the_weight(x64, rng):
     mean, cov = np.array([2.5, 0.6, 0, 0]), 0.1 * random_spd(rng, 4)
-    one, many = (running_moments(light_dark_problem(cost={"w_obs": w}).cost, mean, cov) for w in (1, 1e4))
+    one, many = (
+        running_moments(light_dark_problem(cost={"w_obs": w}).cost, mean, cov) for w in (1, 1e4)
+    )
     np.testing.assert_allclose(many.penalty, 1e4 * one.penalty, rtol=1e-13)
     np.testing.assert_allclose(many.penalty_var, 1e8 * one.penalty_var, rtol=1e-13)
     np.testing.assert_allclose(many.covariance, 1e4 * one.covariance, rtol=1e-13)
     assert (many.base, many.base_var) == (one.base, one.base_var)
 
 
-@pytest.mark.parametrize(("field", "value"), [("w_obs", -1), ("bump_width", 0), ("goal", 7), ("running_weight", 1.5)])
+@pytest.mark.parametrize(
+    ("field", "value"), [("w_obs", -1), ("bump_width", 0), ("goal", 7), ("running_weight", 1.5)]
+)
 def test_numbers_without_meaning_are_refused(field, value):
     with pytest.raises(ValueError, match=field):
         light_dark_problem(cost={field: value})

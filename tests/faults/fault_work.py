@@ -26,7 +26,11 @@ def bulky(config: dict[str, Any], trials: Sequence[int]) -> list[bytes]:
 
 def fly(folder: str) -> None:
     """A parent, to be run in a process of its own."""
-    pool = Pool(bulky, Lanes(1, Setup([TESTS, HERE], {})), lambda line: print(line.partition(": ")[2], flush=True))
+    pool = Pool(
+        bulky,
+        Lanes(1, Setup([TESTS, HERE], {})),
+        lambda line: print(line.partition(": ")[2], flush=True),
+    )
     chunks = [Chunk(Cell(config(folder=folder)), (trial,)) for trial in range(3)]
     done = [*pool.run(chunks)]
     pool.close()

@@ -80,7 +80,10 @@ class Run:
         if not self.root.exists():
             return {}
         unreadable: list[str] = []
-        rows = {cell.name: results.read_rows(cell, unreadable.append) for cell in sorted(self.root.iterdir())}
+        rows = {
+            cell.name: results.read_rows(cell, unreadable.append)
+            for cell in sorted(self.root.iterdir())
+        }
         assert unreadable == []
         return rows
 
@@ -114,7 +117,9 @@ def _status(pid: int) -> dict[str, str]:
 
 def workers_of(pid: int) -> list[int]:
     """The worker processes that a command has started."""
-    return [child for child in members(pid) if child != pid and b"spawn_main" in _command_line(child)]
+    return [
+        child for child in members(pid) if child != pid and b"spawn_main" in _command_line(child)
+    ]
 
 
 def _command_line(pid: int) -> bytes:

@@ -13,14 +13,22 @@ pytestmark = pytest.mark.long
 
 
 def test_a_worker_that_is_killed_costs_nothing_but_time(tmp_path):
-    long = ("-m", "controller=belief,ce", *SMALL, "planner.n_samples=20000", "n_trials=24")  # of half a second each
+    long = (
+        "-m",
+        "controller=belief,ce",
+        *SMALL,
+        "planner.n_samples=20000",
+        "n_trials=24",
+    )  # of half a second each
     undisturbed, run = Run(tmp_path / "undisturbed", *long), Run(tmp_path / "disturbed", *long)
     for one in (undisturbed, run):
         one.folder.mkdir()
     assert undisturbed.again().code == 0
     with run.begun(*DASK) as process:
         when(run.parts, process)
-        os.kill(busiest(workers_of(process.pid)), signal.SIGKILL)  # the other may have nothing to do
+        os.kill(
+            busiest(workers_of(process.pid)), signal.SIGKILL
+        )  # the other may have nothing to do
         assert process.wait(300) == 0, run.err
     assert "worker died; running" in run.err
     assert "Traceback" not in run.err
@@ -38,7 +46,9 @@ def test_no_worker_outlives_its_parent_and_the_same_command_goes_on(tmp_path, un
     assert run.hashes() == undisturbed.hashes
 
 
-@pytest.mark.parametrize("numbers", [(signal.SIGINT,), (signal.SIGTERM,), (signal.SIGINT, signal.SIGINT)])
+@pytest.mark.parametrize(
+    "numbers", [(signal.SIGINT,), (signal.SIGTERM,), (signal.SIGINT, signal.SIGINT)]
+)
 def test_signals_and_the_same_command_again(numbers, tmp_path, undisturbed):
     run = Run(tmp_path)
     with run.begun(*DASK) as process:
@@ -59,4 +69,6 @@ def test_trials_that_hang_or_kill_their_worker_have_their_status(tmp_path):
     said = run.again(*DASK)
     assert said.code == 3, said.err
     for fate, rows in by_fate(run).items():
-        assert rows["status"].tolist() == [STATUS[fate] if trial == UNLUCKY else "ok" for trial in range(N_TRIALS)]
+        assert rows["status"].tolist() == [
+            STATUS[fate] if trial == UNLUCKY else "ok" for trial in range(N_TRIALS)
+        ]

@@ -54,7 +54,12 @@ def mounted(folder: Path, size: str) -> Iterator[Callable[[str], None] | None]:
         yield None
         return
     try:
-        yield lambda options: subprocess.run(["mount", "-o", f"remount,{options}", str(folder)], check=True) and None
+        yield (
+            lambda options: (
+                subprocess.run(["mount", "-o", f"remount,{options}", str(folder)], check=True)
+                and None
+            )
+        )
     finally:
         subprocess.run(["umount", "--lazy", str(folder)], check=True)
 
@@ -116,7 +121,9 @@ def test_a_folder_without_permission_is_told_before_any_trial(tmp_path):
     assert list(run.root.iterdir()) == []
 
 
-@pytest.mark.parametrize("words", ["--help", "--version", pytest.param("run", marks=pytest.mark.long)])
+@pytest.mark.parametrize(
+    "words", ["--help", "--version", pytest.param("run", marks=pytest.mark.long)]
+)
 def test_an_output_that_cannot_be_written_is_not_taken_for_success(words, tmp_path, request):
     """The exit code must say that nobody has seen the table; the results are there."""
     run = Run(tmp_path)

@@ -31,7 +31,10 @@ def test_truncated_empty_and_foreign_files_cost_their_own_trials_only(run, undis
     truncated.write_bytes(truncated.read_bytes()[:-100])
     cell = truncated.parent
     (cell / "part-000000-000009-empty.parquet").touch()
-    pq.write_table(pa.table({"trial": [1, 2, 3], "cost": [1.0, 2.0, 3.0]}), cell / "part-000001-000003-foreign.parquet")
+    pq.write_table(
+        pa.table({"trial": [1, 2, 3], "cost": [1.0, 2.0, 3.0]}),
+        cell / "part-000001-000003-foreign.parquet",
+    )
     (cell / "part-000000-000009-text.parquet").write_text("not parquet at all\n")
     said = run.again()
     assert said.code == 0, said.err
@@ -41,12 +44,16 @@ def test_truncated_empty_and_foreign_files_cost_their_own_trials_only(run, undis
         assert line.startswith(f"{cell.relative_to(run.folder)}/part-")
         assert "not a results file of this cell, left out" in line
     assert "Traceback" not in said.err
-    hashes = {cell.name: results.result_hash(results.read_rows(cell)) for cell in run.root.iterdir()}
+    hashes = {
+        cell.name: results.result_hash(results.read_rows(cell)) for cell in run.root.iterdir()
+    }
     assert hashes == undisturbed.hashes
 
 
 @pytest.mark.long
-def test_files_of_format_1_count_and_those_of_a_newer_format_are_named_and_left_out(run, undisturbed):
+def test_files_of_format_1_count_and_those_of_a_newer_format_are_named_and_left_out(
+    run, undisturbed
+):
     one, other = sorted(run.root.iterdir())[:2]
     for path in one.glob("part-*"):
         about, table = results.read_table(path)
@@ -62,7 +69,9 @@ def test_files_of_format_1_count_and_those_of_a_newer_format_are_named_and_left_
     assert f"{newer} trials run, {4 * N_TRIALS - newer} found done" in said.out
     assert f"format {results.FORMAT_VERSION + 1} is of a newer mppi-belief" in said.err
     assert one.name not in said.err
-    hashes = {cell.name: results.result_hash(results.read_rows(cell)) for cell in run.root.iterdir()}
+    hashes = {
+        cell.name: results.result_hash(results.read_rows(cell)) for cell in run.root.iterdir()
+    }
     assert hashes == undisturbed.hashes
 
 

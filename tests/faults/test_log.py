@@ -16,7 +16,9 @@ from study_helpers import poll
 BAR = re.compile(r"^\s*\d+%\|.*\| \d+/\d+ \[.*\]$")
 
 
-def on_a_terminal(run: Run, *numbers: signal.Signals, kill_a_worker: bool = False) -> tuple[int, str]:
+def on_a_terminal(
+    run: Run, *numbers: signal.Signals, kill_a_worker: bool = False
+) -> tuple[int, str]:
     """Exit code, and what a terminal of 100 columns gets on stderr."""
     ours, theirs = pty.openpty()
     termios.tcsetwinsize(theirs, (40, 100))
@@ -91,7 +93,8 @@ def test_without_a_terminal_it_is_quiet_but_for_events(tmp_path, undisturbed):
     lines = run.err.splitlines()
     assert lines
     assert all(
-        re.fullmatch(r"\S+ trials? \d+(\.\.\d+)?: .*worker died; running (it|them) again", line) for line in lines
+        re.fullmatch(r"\S+ trials? \d+(\.\.\d+)?: .*worker died; running (it|them) again", line)
+        for line in lines
     )
     assert "controller" not in run.err
     assert run.hashes() == undisturbed.hashes

@@ -49,7 +49,12 @@ def test_twenty_interruptions_in_a_row(tmp_path, undisturbed, seconds):
     """There is more to do than gets done by then."""
     run, codes = Run(tmp_path, *STUDY[:-1], f"n_trials={10 * N_TRIALS}"), []
     for at, after in enumerate(instants(1, 0.5 * seconds, 20)):
-        kinds = [(signal.SIGINT,), (signal.SIGTERM,), (signal.SIGINT, signal.SIGINT), (signal.SIGTERM, signal.SIGINT)]
+        kinds = [
+            (signal.SIGINT,),
+            (signal.SIGTERM,),
+            (signal.SIGINT, signal.SIGINT),
+            (signal.SIGTERM, signal.SIGINT),
+        ]
         codes.append(interrupt(run, after, *kinds[at % 4], group=at % 8 != 1))
     assert sum(code != 0 for code in codes) > 5
     assert run.again().code == 0
@@ -64,7 +69,10 @@ def test_every_tenth_of_the_start_up_can_be_interrupted(tmp_path, seconds):
     for tenth in range(10):
         run = Run(tmp_path / str(tenth))
         run.folder.mkdir()
-        assert interrupt(run, tenth * 0.2, signal.SIGTERM if tenth % 2 else signal.SIGINT) in (130, 143)
+        assert interrupt(run, tenth * 0.2, signal.SIGTERM if tenth % 2 else signal.SIGINT) in (
+            130,
+            143,
+        )
 
 
 @pytest.mark.long
@@ -77,7 +85,9 @@ def test_every_tenth_of_the_start_up_can_be_interrupted(tmp_path, seconds):
         ((signal.SIGTERM, signal.SIGINT), True),
     ],
 )
-def test_signals_while_it_computes_and_the_same_command_again(numbers, group, tmp_path, undisturbed):
+def test_signals_while_it_computes_and_the_same_command_again(
+    numbers, group, tmp_path, undisturbed
+):
     """Once finishes the trials that run; twice loses those."""
     run = Run(tmp_path)
     with run.begun() as process:

@@ -73,7 +73,11 @@ def test_one_unlucky_trial_has_its_status_and_all_others_are_the_same_bits(night
 def test_every_kind_is_said_in_a_line_of_its_own(night):
     _, said = night
     for status, count in {"diverged": 2, "error": 1, "crashed": 1, "timeout": 1}.items():
-        lines = [line for line in said.err.splitlines() if f": 1 {status}, e.g. trial {UNLUCKY}: " in line]
+        lines = [
+            line
+            for line in said.err.splitlines()
+            if f": 1 {status}, e.g. trial {UNLUCKY}: " in line
+        ]
         assert len(lines) == count
         assert all(len(line) < 300 for line in lines)
 

@@ -64,7 +64,10 @@ def test_a_worker_killed_while_its_result_is_on_its_way_costs_nothing(tmp_path):
     """The parent sleeps, so that the worker stands still halfway through a result larger than a pipe."""
     script = f"import sys; sys.path[:0] = [{TESTS!r}, {HERE!r}]; import fault_work; fault_work.fly(sys.argv[1])"
     with subprocess.Popen(
-        [sys.executable, "-c", script, str(tmp_path)], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+        [sys.executable, "-c", script, str(tmp_path)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
     ) as parent:
         try:
             (begun,) = poll(lambda: list(tmp_path.iterdir()))

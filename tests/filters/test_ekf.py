@@ -19,8 +19,12 @@ def trial() -> mb.Trial:
     """Trials (N,) of the double integrator with constant measurement noise, where the filter is exact."""
     with float64():
         system = {"noise_slope": 0.0, "noise_floor": NOISE}
-        problem = light_dark_problem(system=system, prior_std=[0.4, 0.3, 0.5, 0.2], steps=STEPS, dt=DT)
-        run = quick_jit(jax.vmap(lambda number: mb.simulate_trial(problem, mb.EKF(), Feedback(0.5), 1, number)))
+        problem = light_dark_problem(
+            system=system, prior_std=[0.4, 0.3, 0.5, 0.2], steps=STEPS, dt=DT
+        )
+        run = quick_jit(
+            jax.vmap(lambda number: mb.simulate_trial(problem, mb.EKF(), Feedback(0.5), 1, number))
+        )
         return jax.tree.map(np.asarray, run(jnp.arange(TRIALS)))
 
 
@@ -45,7 +49,9 @@ def test_innovations_are_white_and_as_large_as_predicted(trial):
     model = reference.light_dark(sampled=True, dt=DT, slope=0.0, floor=NOISE)
     F = np.eye(4) + model.A * DT
     ahead = trial.beliefs.mean[:, :-1] @ F.T + DT * trial.controls @ model.B.T
-    S = model.C @ (F @ trial.beliefs.cov[:, :-1] @ F.T + model.Q * DT) @ model.C.T + NOISE**2 * np.eye(2)
+    S = model.C @ (
+        F @ trial.beliefs.cov[:, :-1] @ F.T + model.Q * DT
+    ) @ model.C.T + NOISE**2 * np.eye(2)
     innovations = trial.measurements - ahead @ model.C.T
     assert_chi_square(squared(innovations, S).sum(), TRIALS * STEPS * 2, 1)
     white = np.linalg.solve(np.linalg.cholesky(S), innovations[..., None])[..., 0]

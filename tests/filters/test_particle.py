@@ -16,7 +16,9 @@ from mppi_belief.discretise import euler_step
 from mppi_belief.filters.particle import log_likelihood, systematic
 
 CONTROLS = jnp.array([[0.5, -0.2], [0.1, 0.3], [-0.4, 0.0], [0.2, 0.2]])
-SURPRISES = jnp.array([[0.2], [-0.1], [0.15], [0.1]])  # what a measurement is off by, of the order of its noise
+SURPRISES = jnp.array(
+    [[0.2], [-0.1], [0.15], [0.1]]
+)  # what a measurement is off by, of the order of its noise
 
 
 def measurements(problem: mb.Problem) -> jax.Array:
@@ -39,7 +41,9 @@ def run(problem: mb.Problem, filter: mb.Filter, key):
 
 
 @quick_jit
-def update(problem: mb.Problem, filter: mb.ParticleFilter, belief: ParticleBelief, y, key) -> ParticleBelief:
+def update(
+    problem: mb.Problem, filter: mb.ParticleFilter, belief: ParticleBelief, y, key
+) -> ParticleBelief:
     return filter.update(problem, belief, jnp.zeros(2), y, key)
 
 
@@ -64,7 +68,9 @@ def test_likelihood_is_the_normal_density_with_the_noise_of_the_place_it_is_told
     for x in (jnp.array([1.0, 0, 0, 0]), jnp.array([5.0, 0.1, 0, 0]), jnp.array([7.0, 1.0, 0, 0])):
         for at in (x, jnp.array([6.0, 0, 0, 0])):
             sigma = abs(float(at[0]) - 5) / np.sqrt(2) + 0.1
-            expected = stats.multivariate_normal(x[:2], sigma**2 * np.eye(2)).logpdf(y) + np.log(2 * np.pi)
+            expected = stats.multivariate_normal(x[:2], sigma**2 * np.eye(2)).logpdf(y) + np.log(
+                2 * np.pi
+            )
             np.testing.assert_allclose(likelihood(problem, x, at, y), expected, rtol=1e-10)
 
 
@@ -96,7 +102,9 @@ def test_with_the_noise_at_the_mean_the_nearest_particles_weigh_most():
 
 @pytest.mark.parametrize("y", [[1e6, -1e6], [1e18, 0.0], [3e38, 0.0]])
 def test_a_measurement_far_off_leaves_honest_weights(y):
-    belief = first_update(light_dark_problem(), mb.ParticleFilter(50), jnp.array(y), jax.random.key(0))
+    belief = first_update(
+        light_dark_problem(), mb.ParticleFilter(50), jnp.array(y), jax.random.key(0)
+    )
     for part in belief:
         assert not np.isnan(part).any()
     np.testing.assert_allclose(np.exp(belief.log_weights).sum(), 1.0, rtol=1e-5)
@@ -115,7 +123,9 @@ quick_systematic = quick_jit(systematic)  # compiled once for each size
 
 @settings(max_examples=60, deadline=None, derandomize=True)
 @given(
-    st.sampled_from([2, 3, 8, 23, 40]).flatmap(lambda n: st.lists(st.floats(-8, 8), min_size=n, max_size=n)),
+    st.sampled_from([2, 3, 8, 23, 40]).flatmap(
+        lambda n: st.lists(st.floats(-8, 8), min_size=n, max_size=n)
+    ),
     st.integers(0, 1000),
 )
 def test_systematic_resampling_copies_each_particle_as_often_as_it_weighs(scores, seed):
@@ -123,7 +133,9 @@ def test_systematic_resampling_copies_each_particle_as_often_as_it_weighs(scores
     chosen = np.asarray(quick_systematic(np.log(weights), jax.random.key(seed)))
     counts, expected = np.bincount(chosen, minlength=len(weights)), len(weights) * weights
     assert counts.sum() == len(weights)
-    assert np.all(np.abs(counts - expected) < 1 + 1e-4)  # floor or ceiling, but for float32 in the cumulated sum
+    assert np.all(
+        np.abs(counts - expected) < 1 + 1e-4
+    )  # floor or ceiling, but for float32 in the cumulated sum
 
 
 @pytest.mark.parametrize(("below", "resampled"), [(0.0, False), (1.0, True)])

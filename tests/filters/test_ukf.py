@@ -32,7 +32,9 @@ PROBLEMS = {
 }
 
 
-def textbook(problem: mb.Problem, mean: np.ndarray, cov: np.ndarray, u: np.ndarray, y: np.ndarray) -> tuple:
+def textbook(
+    problem: mb.Problem, mean: np.ndarray, cov: np.ndarray, u: np.ndarray, y: np.ndarray
+) -> tuple:
     """Covariances and no roots, an inverse; points from all vectors of signs with at most two that are not zero."""
     system, dt, n = problem.system, problem.dt, len(mean)
 
@@ -46,11 +48,16 @@ def textbook(problem: mb.Problem, mean: np.ndarray, cov: np.ndarray, u: np.ndarr
     x, w = points(mean, cov)
     moved = x + dt * np.asarray(quick_jit(jax.vmap(lambda p: system.f(p) + system.G(p) @ u))(x))
     mean = w @ moved
-    cov = np.einsum("p,pi,pj->ij", w, moved - mean, moved - mean) + dt * np.asarray(system.H @ system.H.T)
+    cov = np.einsum("p,pi,pj->ij", w, moved - mean, moved - mean) + dt * np.asarray(
+        system.H @ system.H.T
+    )
     x, w = points(mean, cov)
     seen = np.asarray(quick_jit(jax.vmap(system.c))(x))
     expected = w @ seen
-    S = np.einsum("p,pi,pj->ij", w, seen - expected, seen - expected) + np.asarray(system.sigma_o(mean)) ** 2
+    S = (
+        np.einsum("p,pi,pj->ij", w, seen - expected, seen - expected)
+        + np.asarray(system.sigma_o(mean)) ** 2
+    )
     K = np.einsum("p,pi,pj->ij", w, x - mean, seen - expected) @ np.linalg.inv(S)
     return mean + K @ (y - expected), cov - K @ S @ K.T, expected, S
 
@@ -60,7 +67,10 @@ def test_it_is_the_textbooks(x64, rng, name):
     """Where no bearing wraps, and from a diagonal covariance: another root turns the points."""
     problem = PROBLEMS[name]()
     start = mb.UKF().init(problem, KEY)
-    u, y = rng.normal(size=problem.cost.R.shape[0]), np.asarray(quick_jit(problem.system.c)(start.mean)) + 0.05
+    u, y = (
+        rng.normal(size=problem.cost.R.shape[0]),
+        np.asarray(quick_jit(problem.system.c)(start.mean)) + 0.05,
+    )
     after = quick_jit(mb.UKF().update)(problem, start, u, y, KEY)
     mean, cov, expected, S = textbook(problem, np.asarray(start.mean), np.asarray(start.cov), u, y)
     np.testing.assert_allclose(after.mean, mean, atol=1e-10)
@@ -77,7 +87,8 @@ def test_it_is_kalmans_on_a_linear_system(x64, rng, nx):
     problem = random_problem(rng, nx=nx)
     u, y = rng.normal(size=2), rng.normal(size=1)
     found, exact = (
-        quick_jit(filter.update)(problem, filter.init(problem, KEY), u, y, KEY) for filter in (mb.UKF(), mb.EKF())
+        quick_jit(filter.update)(problem, filter.init(problem, KEY), u, y, KEY)
+        for filter in (mb.UKF(), mb.EKF())
     )
     np.testing.assert_allclose(found.mean, exact.mean, atol=1e-10)
     np.testing.assert_allclose(found.cov, exact.cov, atol=1e-10)
@@ -133,7 +144,8 @@ def test_it_is_the_extended_filter_in_the_paper_s_system(x64):
     """Linear there; the noise that depends on the state is that at the predicted mean for both."""
     problem, u, y = light_dark_problem(), np.array([1.0, -2.0]), np.array([1.3, 0.8])
     found, expected = (
-        quick_jit(filter.update)(problem, filter.init(problem, KEY), u, y, KEY) for filter in (mb.UKF(), mb.EKF())
+        quick_jit(filter.update)(problem, filter.init(problem, KEY), u, y, KEY)
+        for filter in (mb.UKF(), mb.EKF())
     )
     np.testing.assert_allclose(found.mean, expected.mean, atol=1e-10)
     np.testing.assert_allclose(found.cov, expected.cov, atol=1e-10)

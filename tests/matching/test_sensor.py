@@ -66,11 +66,17 @@ def test_a_limit_clips_the_signal_to_noise_ratio_to_the_nearest_and_never_raises
     case = Case(1)
     free = np.linalg.solve(case.noise, case.sensor())
     U, s, Vt = np.linalg.svd(free, full_matrices=False)
-    W, limits, left = matched_weight(jnp.asarray(case.R), TEMPERATURE), np.geomspace(0.05, 3, 15) * s[0], []
+    W, limits, left = (
+        matched_weight(jnp.asarray(case.R), TEMPERATURE),
+        np.geomspace(0.05, 3, 15) * s[0],
+        [],
+    )
     for limit in limits:
         held = case.sensor(limit=limit)
         nearest = (U[:, :NU] * np.minimum(s[:NU], limit)) @ Vt[:NU]
-        np.testing.assert_allclose(np.linalg.solve(case.noise, held), nearest, rtol=1e-10, atol=1e-11)
+        np.testing.assert_allclose(
+            np.linalg.solve(case.noise, held), nearest, rtol=1e-10, atol=1e-11
+        )
         left.append(float(residual(jnp.asarray(case.continuous(held)), jnp.asarray(case.G), W)))
     assert np.all(np.diff(left) <= 1e-12)
     assert left[0] > 10
@@ -85,13 +91,20 @@ def test_a_covariance_that_is_used_up_is_seen_as_well_as_it_can_be(x64):
     root = np.linalg.cholesky(case.cov)
     along, _ = np.linalg.qr(np.linalg.solve(root, case.G))
     part = along.T @ np.linalg.solve(root, np.linalg.solve(root, seen).T) @ along
-    np.testing.assert_allclose(np.eye(NU) - part, LEFT / (1 + LEFT) * np.eye(NU), rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(
+        np.eye(NU) - part, LEFT / (1 + LEFT) * np.eye(NU), rtol=1e-6, atol=1e-9
+    )
 
 
 @pytest.mark.parametrize("std", [0.0, 1e-30])
 def test_what_is_known_for_certain_is_not_measured(std):
     found = matching_sensor(
-        jnp.diag(jnp.array([0.5, 0.5, std, 0.5])), jnp.eye(4)[:, 2:], jnp.eye(2), 1.0, jnp.eye(2), DT
+        jnp.diag(jnp.array([0.5, 0.5, std, 0.5])),
+        jnp.eye(4)[:, 2:],
+        jnp.eye(2),
+        1.0,
+        jnp.eye(2),
+        DT,
     )
     assert np.all(np.isfinite(found))
     np.testing.assert_array_equal(np.asarray(found)[:, 2], 0)
@@ -123,13 +136,20 @@ def test_matching_holds_along_a_schedule_and_only_with_the_selector(method, conv
 
     problem = platform(noise_convention=convention, limit=1e6)
     assert quick_jit(largest)(problem) < 1e-12
-    assert quick_jit(largest)(dataclasses.replace(problem, system=dataclasses.replace(problem.system, limit=0.5))) > 0.3
+    assert (
+        quick_jit(largest)(
+            dataclasses.replace(problem, system=dataclasses.replace(problem.system, limit=0.5))
+        )
+        > 0.3
+    )
 
 
 def test_the_plant_measures_with_the_sensor_that_the_filter_and_the_plan_have(x64):
     """A trial's measurements, less what the filter expected, over their covariance: with the filter's own C."""
     problem, n = dataclasses.replace(platform(), steps=4), 300
-    trials = quick_jit(jax.vmap(lambda t: simulate_trial(problem, EKF(), Feedback(0.2), 3, t)))(jnp.arange(n))
+    trials = quick_jit(jax.vmap(lambda t: simulate_trial(problem, EKF(), Feedback(0.2), 3, t)))(
+        jnp.arange(n)
+    )
     plan = gain_schedule(problem, prior(problem), jnp.zeros((4, 2)))
     np.testing.assert_allclose(trials.beliefs.cov[0], plan.cov, rtol=1e-10, atol=1e-13)
     jumps = []

@@ -107,10 +107,16 @@ def test_the_residual_in_the_light_is_the_closed_form_where_sigma_o_is_an_intens
 
 
 @pytest.mark.parametrize(("convention", "method"), [("intensity", "riccati"), ("sample", "filter")])
-def test_a_vehicle_that_rests_in_the_light_comes_to_the_steady_states_residual(convention, method, x64):
+def test_a_vehicle_that_rests_in_the_light_comes_to_the_steady_states_residual(
+    convention, method, x64
+):
     system = {"noise_convention": convention}
-    problem = light_dark_problem(system, prior_mean=[5, 1, 0, 0], prior_std=[0.2, 0.2, 0.2, 0.2], steps=400)
-    schedule = quick_jit(gain_schedule, static_argnames="method")(problem, prior(problem), jnp.zeros((400, 2)), method)
+    problem = light_dark_problem(
+        system, prior_mean=[5, 1, 0, 0], prior_std=[0.2, 0.2, 0.2, 0.2], steps=400
+    )
+    schedule = quick_jit(gain_schedule, static_argnames="method")(
+        problem, prior(problem), jnp.zeros((400, 2)), method
+    )
     D = schedule.diffusion[-1]
     if convention == "intensity":
         expected = closed_form()
@@ -124,7 +130,9 @@ def test_a_vehicle_that_rests_in_the_light_comes_to_the_steady_states_residual(c
     assert epsilon(D, G, best(D, G)) == pytest.approx(expected, rel=1e-5)
 
 
-def schedule(rng: np.random.Generator, steps: int, nx: int, nu: int, rank: int) -> tuple[np.ndarray, np.ndarray]:
+def schedule(
+    rng: np.random.Generator, steps: int, nx: int, nu: int, rank: int
+) -> tuple[np.ndarray, np.ndarray]:
     """Diffusions and control channels that change with time."""
     factors = rng.normal(size=(steps, nx, rank))
     return factors @ factors.transpose(0, 2, 1), rng.normal(size=(steps, nx, nu))
@@ -143,8 +151,12 @@ def test_no_other_constant_weight_comes_nearer(seed, steps, nx, nu):
     found = best_constant_weight(D, G)
     assert np.linalg.eigvalsh(found.weight).min() >= -1e-12 * np.abs(found.weight).max()
     assert found.value == pytest.approx(total(D, G, found.weight), abs=1e-9)
-    size = np.linalg.norm(found.weight) * np.max(np.linalg.norm(G, axis=(1, 2)) ** 2 / np.linalg.norm(D, axis=(1, 2)))
-    assert found.gap == pytest.approx(optimality_gap(D, G, found.weight), abs=1e-12 * steps * size**2 + 1e-12)
+    size = np.linalg.norm(found.weight) * np.max(
+        np.linalg.norm(G, axis=(1, 2)) ** 2 / np.linalg.norm(D, axis=(1, 2))
+    )
+    assert found.gap == pytest.approx(
+        optimality_gap(D, G, found.weight), abs=1e-12 * steps * size**2 + 1e-12
+    )
     for size in (1e-4, 1e-2, 1.0):
         values, vectors = np.linalg.eigh(found.weight)
         factor = vectors * np.sqrt(np.maximum(values, 0)) + size * rng.normal(size=(nu, nu))
@@ -176,7 +188,10 @@ def test_one_step_has_the_best_weight_as_its_constant_one(rng, x64):
 def test_steps_without_diffusion_are_left_out(rng):
     D, channels = schedule(rng, 5, NX, NU, rank=2)
     D[[0, 3]] = 0
-    found, without = best_constant_weight(D, channels), best_constant_weight(D[[1, 2, 4]], channels[[1, 2, 4]])
+    found, without = (
+        best_constant_weight(D, channels),
+        best_constant_weight(D[[1, 2, 4]], channels[[1, 2, 4]]),
+    )
     np.testing.assert_array_equal(found.weight, without.weight)
     assert (found.value, found.steps) == (without.value, 3)
     with pytest.raises(ValueError, match="every D_k is zero"):

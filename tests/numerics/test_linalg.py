@@ -36,7 +36,9 @@ def test_spd_inverse_under_any_units(n, precision, seed):
     units = np.sqrt(np.diag(M).astype(np.float64))
     expected = np.linalg.inv(M / np.outer(units, units))
     # condition number up to 20 in the natural units; LAPACK's pivoting, used from n = 3 on, minds the units
-    np.testing.assert_allclose(found * np.outer(units, units), expected, atol=(60 if n < 3 else 2000) * eps(dtype))
+    np.testing.assert_allclose(
+        found * np.outer(units, units), expected, atol=(60 if n < 3 else 2000) * eps(dtype)
+    )
 
 
 def eps(dtype: type) -> float:
@@ -68,7 +70,9 @@ def test_log_det_1p_of_a_large_rank_one_matrix_is_a_number_in_float32(seed):
 def test_log_det_1p_is_accurate_in_float32_for_small_and_large(n, scale, rng):
     M = (scale * random_spd(rng, n)).astype(np.float32)
     expected = np.sum(np.log1p(np.linalg.eigvalsh(M.astype(np.float64))))
-    np.testing.assert_allclose(linalg.log_det_1p(jnp.asarray(M)), expected, rtol=4 * n * eps(np.float32))
+    np.testing.assert_allclose(
+        linalg.log_det_1p(jnp.asarray(M)), expected, rtol=4 * n * eps(np.float32)
+    )
 
 
 @pytest.mark.parametrize("n", [1, 2, 3])
@@ -76,7 +80,9 @@ def test_log_det_1p_is_accurate_in_float32_for_small_and_large(n, scale, rng):
 def test_log_det_spd_under_any_units(n, scale, x64, rng):
     units = scale * 10 ** rng.uniform(-3, 3, n)
     M = random_spd(rng, n) * np.outer(units, units)
-    np.testing.assert_allclose(linalg.log_det_spd(jnp.asarray(M)), np.linalg.slogdet(M)[1], rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(
+        linalg.log_det_spd(jnp.asarray(M)), np.linalg.slogdet(M)[1], rtol=1e-12, atol=1e-12
+    )
 
 
 def test_log_det_of_i_plus_m_itself_would_lose_the_small():
@@ -121,16 +127,22 @@ def test_forms_and_products_by_components_match_numpy(n, diagonal, x64, rng):
     # a vector may come whole or by components
     for form in (jnp.asarray(x), list(x)):
         np.testing.assert_allclose(linalg.quadratic_form(weight, form), x @ M @ x, rtol=1e-13)
-        np.testing.assert_allclose(jnp.stack(linalg.apply(weight, form)), M @ x, rtol=1e-12, atol=1e-14)
+        np.testing.assert_allclose(
+            jnp.stack(linalg.apply(weight, form)), M @ x, rtol=1e-12, atol=1e-14
+        )
         np.testing.assert_allclose(linalg.dot(reference, form), reference @ x, rtol=1e-12)
-        np.testing.assert_allclose(jnp.stack(linalg.minus(form, reference)), x - reference, rtol=1e-14)
+        np.testing.assert_allclose(
+            jnp.stack(linalg.minus(form, reference)), x - reference, rtol=1e-14
+        )
     np.testing.assert_array_equal(linalg.as_matrix(weight), M)
 
 
 def test_apply_takes_rectangular_matrices_and_minus_stops_at_the_reference(x64, rng):
     M, x = rng.normal(size=(4, 3)), rng.normal(size=3)
     np.testing.assert_allclose(jnp.stack(linalg.apply(M, x)), M @ x, rtol=1e-12)
-    np.testing.assert_allclose(jnp.stack(linalg.minus(x, np.array([1.0, 2.0]))), x[:2] - [1, 2], rtol=1e-14)
+    np.testing.assert_allclose(
+        jnp.stack(linalg.minus(x, np.array([1.0, 2.0]))), x[:2] - [1, 2], rtol=1e-14
+    )
 
 
 def test_batches_by_vmap_keep_the_sample_as_last_axis(x64, rng):

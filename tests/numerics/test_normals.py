@@ -54,7 +54,9 @@ def test_double_precision_has_double_digits(x64):
 def test_double_precision_normals_are_those_of_jax(x64):
     for seed, shape in ((0, (1000,)), (1, (3, 5, 7)), (2, (1,))):
         key = jax.random.key(seed)
-        np.testing.assert_allclose(standard_normal(key, shape), jax.random.normal(key, shape), rtol=4e-16, atol=0)
+        np.testing.assert_allclose(
+            standard_normal(key, shape), jax.random.normal(key, shape), rtol=4e-16, atol=0
+        )
 
 
 @pytest.mark.parametrize("n", [1, 2, 7, 1000])
@@ -66,8 +68,12 @@ def test_the_bits_are_those_of_jax(n):
 
 def test_the_inverse_of_the_error_function_is_accurate_to_its_tails():
     """At all the numbers it is ever given near 0 and near 1, and at many between."""
-    cells = np.unique(np.r_[0:3000, 0 : 2**23 : 997, 2**22 - 3000 : 2**22 + 3000, 2**23 - 3000 : 2**23])
-    x = ((cells.astype(np.float32) + np.float32(0.5)) * np.float32(2**-22) - np.float32(1)).astype(np.float32)
+    cells = np.unique(
+        np.r_[0:3000, 0 : 2**23 : 997, 2**22 - 3000 : 2**22 + 3000, 2**23 - 3000 : 2**23]
+    )
+    x = ((cells.astype(np.float32) + np.float32(0.5)) * np.float32(2**-22) - np.float32(1)).astype(
+        np.float32
+    )
     wanted = special.erfinv(x.astype(float))
     error = np.abs(np.asarray(jax.jit(erf_inv)(x), dtype=float) / wanted - 1)
     assert error.max() < 3e-7

@@ -51,14 +51,18 @@ def test_mean_and_variance_of_a_quadratic_are_exact_for_any_gaussian(n, x64, rng
     values, weights = quick_jit(integrate)(mean, cov)
     expectation = weights @ values
     gradient = W @ mean + slope
-    np.testing.assert_allclose(expectation, 0.5 * mean @ W @ mean + slope @ mean + 0.5 * np.trace(W @ cov), rtol=1e-11)
+    np.testing.assert_allclose(
+        expectation, 0.5 * mean @ W @ mean + slope @ mean + 0.5 * np.trace(W @ cov), rtol=1e-11
+    )
     variance = 0.5 * np.trace(W @ cov @ W @ cov) + gradient @ cov @ gradient
     np.testing.assert_allclose(weights @ (values - expectation) ** 2, variance, rtol=1e-11)
 
 
 def test_the_centred_isotropic_quadratic_is_not_without_variance(x64):
     """Where the rules with 2n points fail: all of those points lie on one level set."""
-    values, weights = quick_jit(lambda S: quadrature.evaluate(lambda x: x @ x, jnp.zeros(2), S))(jnp.eye(2))
+    values, weights = quick_jit(lambda S: quadrature.evaluate(lambda x: x @ x, jnp.zeros(2), S))(
+        jnp.eye(2)
+    )
     np.testing.assert_allclose(weights @ (values - 2) ** 2, 4, rtol=1e-12)
 
 
@@ -68,7 +72,11 @@ def test_a_singular_covariance_is_integrated_over_its_range(precise, request):
         request.getfixturevalue("x64")
     direction = np.array([1.0, -2.0, 0.5])
     cov = jnp.asarray(np.outer(direction, direction))
-    expectation = quick_jit(lambda c: quadrature.expectation(lambda x: (1 + jnp.sum(x)) ** 4, jnp.zeros(3), c))
+    expectation = quick_jit(
+        lambda c: quadrature.expectation(lambda x: (1 + jnp.sum(x)) ** 4, jnp.zeros(3), c)
+    )
     # 1 + 6 s^2 + 3 s^4 with s the sum of the direction
-    np.testing.assert_allclose(expectation(cov), 1 + 6 * 0.5**2 + 3 * 0.5**4, rtol=1e-12 if precise else 1e-5)
+    np.testing.assert_allclose(
+        expectation(cov), 1 + 6 * 0.5**2 + 3 * 0.5**4, rtol=1e-12 if precise else 1e-5
+    )
     np.testing.assert_allclose(expectation(0 * cov), 1, rtol=1e-6)

@@ -46,7 +46,9 @@ FUNCTIONS = {
     "diagonal": lambda x, u: jnp.diag(x) @ jnp.eye(4, 2),
     "compiled inside": lambda x, u: jax.jit(lambda x: jnp.roll(x, 1) + A[0])(x),
     "a derivative of one's own": lambda x, u: doubled(x),
-    "a derivative": lambda x, u: jax.jacfwd(lambda x: jnp.concatenate([x[2:] * x[0], jnp.sin(u)]))(x),
+    "a derivative": lambda x, u: jax.jacfwd(lambda x: jnp.concatenate([x[2:] * x[0], jnp.sin(u)]))(
+        x
+    ),
     "a branch": lambda x, u: jax.lax.cond(u[0] > 0, lambda x: x, lambda x: -x, x),
     "a loop": lambda x, u: jax.lax.scan(lambda c, a: (c + a, c * a), u[0], x),
     "linear algebra": lambda x, u: jnp.linalg.solve(jnp.eye(4) + jnp.outer(x, x), x),
@@ -73,8 +75,12 @@ def test_it_is_vmap_on_the_last_axis(function, over_samples):
 
 def test_maps_nest():
     x = jax.random.normal(jax.random.key(0), (4, 3, 5))
-    wanted = jax.vmap(jax.vmap(lambda x: A @ x, in_axes=-1, out_axes=-1), in_axes=-1, out_axes=-1)(x)
-    np.testing.assert_allclose(vmap_last(vmap_last(lambda x: A @ x, [True]), [True])(x), wanted, rtol=1e-6)
+    wanted = jax.vmap(jax.vmap(lambda x: A @ x, in_axes=-1, out_axes=-1), in_axes=-1, out_axes=-1)(
+        x
+    )
+    np.testing.assert_allclose(
+        vmap_last(vmap_last(lambda x: A @ x, [True]), [True])(x), wanted, rtol=1e-6
+    )
 
 
 def test_a_step_of_the_dynamics_moves_no_sample_to_another_axis():
@@ -90,7 +96,9 @@ def test_a_step_of_the_dynamics_moves_no_sample_to_another_axis():
 def test_the_number_of_samples_must_agree(over_samples):
     for other in (6, 1):
         with pytest.raises(ValueError, match="number of samples"):
-            over_samples(lambda x, u: x + u[0], (True, True))(jnp.ones((4, 5)), jnp.ones((2, other)))
+            over_samples(lambda x, u: x + u[0], (True, True))(
+                jnp.ones((4, 5)), jnp.ones((2, other))
+            )
 
 
 @pytest.mark.parametrize("over_samples", [vmap_last, componentwise])
@@ -103,7 +111,9 @@ def test_a_product_has_the_type_asked_for(over_samples):
 
 def test_a_filter_step_becomes_vectors_and_multiplies_with_nothing_that_is_known():
     problem = light_dark_problem()
-    step = componentwise(lambda mean, root, u: filter_step(problem, mean, root, u)[:2], (True, True, True))
+    step = componentwise(
+        lambda mean, root, u: filter_step(problem, mean, root, u)[:2], (True, True, True)
+    )
     text = str(jax.make_jaxpr(step)(jnp.ones((4, 9)), jnp.ones((4, 4, 9)), jnp.ones((2, 9))))
     inside = text[: text.rindex("stack")]
     assert "dot_general" not in text
@@ -113,7 +123,9 @@ def test_a_filter_step_becomes_vectors_and_multiplies_with_nothing_that_is_known
 
 
 def test_what_is_known_to_be_nothing_takes_nothing_along():
-    found = componentwise(lambda x: jnp.diag(x) @ jnp.ones(2), (True,))(jnp.array([[jnp.inf], [1.0]]))
+    found = componentwise(lambda x: jnp.diag(x) @ jnp.ones(2), (True,))(
+        jnp.array([[jnp.inf], [1.0]])
+    )
     np.testing.assert_array_equal(found, [[jnp.inf], [1.0]])  # 0 times infinity would be no number
 
 
@@ -123,5 +135,8 @@ def test_large_matrices_are_left_to_the_other_map():
     text = str(jax.make_jaxpr(componentwise(lambda x: x @ x, (True,)))(x))
     assert f"f32[{n},{n},3]" in text
     np.testing.assert_allclose(
-        componentwise(lambda x: x @ x, (True,))(x), jnp.einsum("ijn,jkn->ikn", x, x), rtol=1e-5, atol=1e-5
+        componentwise(lambda x: x @ x, (True,))(x),
+        jnp.einsum("ijn,jkn->ikn", x, x),
+        rtol=1e-5,
+        atol=1e-5,
     )

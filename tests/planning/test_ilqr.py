@@ -17,16 +17,26 @@ SETTINGS = ilqr.Settings(tolerance=1e-9, max_iterations=100, damping=1e-6, facto
 
 
 def objective(problem: mb.Problem, horizon: int, charge: str = "end"):
-    return ilqr.state_cost(problem, lambda x: certainty_equivalent(problem.cost, x), horizon, charge)
+    return ilqr.state_cost(
+        problem, lambda x: certainty_equivalent(problem.cost, x), horizon, charge
+    )
 
 
 @partial(quick_jit, static_argnames=("horizon", "charge"))
-def _solve(problem: mb.Problem, start, settings: ilqr.Settings, horizon: int, charge: str) -> ilqr.Solution:
-    return ilqr.solve(problem, objective(problem, horizon, charge), ilqr.still(problem, horizon), start, settings)
+def _solve(
+    problem: mb.Problem, start, settings: ilqr.Settings, horizon: int, charge: str
+) -> ilqr.Solution:
+    return ilqr.solve(
+        problem, objective(problem, horizon, charge), ilqr.still(problem, horizon), start, settings
+    )
 
 
 def solve(
-    problem: mb.Problem, start, settings: ilqr.Settings = SETTINGS, horizon: int = 30, charge: str = "end"
+    problem: mb.Problem,
+    start,
+    settings: ilqr.Settings = SETTINGS,
+    horizon: int = 30,
+    charge: str = "end",
 ) -> ilqr.Solution:
     return _solve(problem, jnp.asarray(start), settings, horizon, charge)
 
@@ -45,7 +55,9 @@ def test_one_iteration_solves_a_linear_quadratic_problem(charge, x64, rng):
     found = solve(problem, start, once, horizon, charge)
     charged = np.ones(horizon + 1)
     charged[0 if charge == "end" else -1] = 0
-    np.testing.assert_allclose(found.policy.controls, lqr(problem, start, charged), rtol=1e-8, atol=1e-8)
+    np.testing.assert_allclose(
+        found.policy.controls, lqr(problem, start, charged), rtol=1e-8, atol=1e-8
+    )
 
 
 def test_the_gains_are_the_derivative_of_the_optimal_control(x64, rng):
@@ -58,24 +70,33 @@ def test_the_gains_are_the_derivative_of_the_optimal_control(x64, rng):
         np.testing.assert_allclose(found.policy.gains[0] @ direction, moved, rtol=1e-8, atol=1e-8)
 
 
-@pytest.mark.parametrize("start", [[1.0, 1.0, 0.0, 0.0], [2.0, -0.9, 1.0, 0.3], [3.0, 0.95, 0.0, 0.0]])
+@pytest.mark.parametrize(
+    "start", [[1.0, 1.0, 0.0, 0.0], [2.0, -0.9, 1.0, 0.3], [3.0, 0.95, 0.0, 0.0]]
+)
 def test_cost_never_rises_from_one_iteration_to_the_next(start, light_dark, x64):
     costs = [
-        float(solve(light_dark, start, settings=SETTINGS._replace(max_iterations=count)).cost) for count in range(1, 16)
+        float(solve(light_dark, start, settings=SETTINGS._replace(max_iterations=count)).cost)
+        for count in range(1, 16)
     ]
     assert np.all(np.diff(costs) <= 1e-12)
     assert costs[-1] < costs[0]  # there was something to improve: the penalty is not quadratic
 
 
-@pytest.mark.parametrize("start", [[1.0, 1.0, 0.0, 0.0], [2.0, -0.9, 1.0, 0.3], [5.0, 3.0, -1.0, 0.0]])
+@pytest.mark.parametrize(
+    "start", [[1.0, 1.0, 0.0, 0.0], [2.0, -0.9, 1.0, 0.3], [5.0, 3.0, -1.0, 0.0]]
+)
 def test_the_solution_is_stationary(start, light_dark, x64):
     found = solve(light_dark, start)
     assert found.converged
     cost = objective(light_dark, 30)
 
     def value(controls):
-        open_loop = found.policy._replace(controls=controls, gains=jnp.zeros_like(found.policy.gains))
-        return ilqr.total_cost(light_dark, cost, ilqr.follow(light_dark, open_loop, jnp.asarray(start)))
+        open_loop = found.policy._replace(
+            controls=controls, gains=jnp.zeros_like(found.policy.gains)
+        )
+        return ilqr.total_cost(
+            light_dark, cost, ilqr.follow(light_dark, open_loop, jnp.asarray(start))
+        )
 
     np.testing.assert_allclose(quick_jit(value)(found.policy.controls), found.cost, rtol=1e-10)
     gradient = quick_jit(jax.grad(value))

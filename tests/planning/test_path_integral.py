@@ -46,20 +46,29 @@ def test_rollouts_equal_a_loop(disturbed, together, x64, rng):
         rng.normal(size=(H, 4, N)),
     )
     found = pi.rollouts(
-        problem, jnp.asarray(starts[:, 0] if together else starts), controls, pushes if disturbed else None
+        problem,
+        jnp.asarray(starts[:, 0] if together else starts),
+        controls,
+        pushes if disturbed else None,
     )
     assert found.shape == (H, 4, N)
     for i in range(N):
         mu = starts[:, 0 if together else i]
         for k in range(H):
-            mu = mu + (model.A @ mu + model.B @ controls[k, :, i]) * DT + disturbed * pushes[k, :, i]
+            mu = (
+                mu + (model.A @ mu + model.B @ controls[k, :, i]) * DT + disturbed * pushes[k, :, i]
+            )
             np.testing.assert_allclose(found[k, :, i], mu, atol=1e-12)
 
 
 @pytest.mark.parametrize("charge", ["start", "end"])
 def test_path_costs_equal_a_loop(charge, x64, rng):
     problem, H, N = light_dark_problem(), 4, 3
-    start, means, covs = rng.normal(size=4), rng.normal(size=(H, 4, N)), rng.normal(size=(H + 1, 4, 4))
+    start, means, covs = (
+        rng.normal(size=4),
+        rng.normal(size=(H, 4, N)),
+        rng.normal(size=(H + 1, 4, 4)),
+    )
 
     def running(mu: Array, cov: Array) -> Array:
         return mu[0] ** 2 + mu[2] * cov[0, 1]
@@ -71,7 +80,9 @@ def test_path_costs_equal_a_loop(charge, x64, rng):
     for i in range(N):
         path = [start, *means[:, :, i]]
         first = 0 if charge == "start" else 1
-        total = sum(running(path[k], covs[k]) * DT for k in range(first, H + first)) + terminal(path[-1], covs[-1])
+        total = sum(running(path[k], covs[k]) * DT for k in range(first, H + first)) + terminal(
+            path[-1], covs[-1]
+        )
         np.testing.assert_allclose(found[i], total, rtol=1e-12)
 
 
@@ -94,7 +105,9 @@ def test_matched_increments_have_the_covariance_lambda_r_inverse_over_dt(x64, rn
     G = problem.system.G(jnp.zeros(4))
     matched = temperature * G @ np.linalg.inv(R) @ G.T
     np.testing.assert_allclose(G @ factor @ factor.T @ G.T * DT, matched, rtol=1e-12)
-    np.testing.assert_array_equal(pi.matched_increments(problem, units, temperature, 2.75)[0], 2.75 * np.eye(2))
+    np.testing.assert_array_equal(
+        pi.matched_increments(problem, units, temperature, 2.75)[0], 2.75 * np.eye(2)
+    )
 
 
 def test_the_exact_girsanov_weight_is_williams_formula_at_alpha_zero(x64):
@@ -103,18 +116,24 @@ def test_the_exact_girsanov_weight_is_williams_formula_at_alpha_zero(x64):
     exact = pi.girsanov_weight(problem, temperature, None, None)
     np.testing.assert_allclose(exact, 0.05 * DT * np.eye(2), rtol=1e-14)
     deviation = np.sqrt(temperature / 0.05 / DT)
-    np.testing.assert_allclose(pi.girsanov_weight(problem, temperature, deviation, None), exact, rtol=1e-14)
+    np.testing.assert_allclose(
+        pi.girsanov_weight(problem, temperature, deviation, None), exact, rtol=1e-14
+    )
     for alpha in (0.0, 0.3, 1.0):
         found = pi.girsanov_weight(problem, temperature, deviation, alpha)
         np.testing.assert_allclose(found, (1 - alpha) * exact, rtol=1e-12, atol=1e-15)
-    np.testing.assert_allclose(pi.girsanov_weight(problem, 2.0, 4.0, 0.5), 2.0 * 0.5 / 16 * np.eye(2), rtol=1e-14)
+    np.testing.assert_allclose(
+        pi.girsanov_weight(problem, 2.0, 4.0, 0.5), 2.0 * 0.5 / 16 * np.eye(2), rtol=1e-14
+    )
 
 
 def test_girsanov_term_equals_a_loop(x64, rng):
     nominal, increments, W = rng.normal(size=(5, 2)), rng.normal(size=(5, 2, 7)), random_spd(rng, 2)
     found = pi.girsanov(nominal, increments, W)
     for i in range(7):
-        np.testing.assert_allclose(found[i], sum(nominal[k] @ W @ increments[k, :, i] for k in range(5)), rtol=1e-12)
+        np.testing.assert_allclose(
+            found[i], sum(nominal[k] @ W @ increments[k, :, i] for k in range(5)), rtol=1e-12
+        )
 
 
 def test_weights_are_the_boltzmann_weights(x64, rng):
@@ -154,7 +173,9 @@ def test_weighted_increments_average_over_the_samples(x64, rng):
 
 def test_log_desirability_is_the_log_of_the_mean_weight(x64, rng):
     costs = rng.normal(size=30)
-    np.testing.assert_allclose(pi.log_desirability(costs, 0.7), np.log(np.mean(np.exp(-costs / 0.7))), rtol=1e-12)
+    np.testing.assert_allclose(
+        pi.log_desirability(costs, 0.7), np.log(np.mean(np.exp(-costs / 0.7))), rtol=1e-12
+    )
     np.testing.assert_allclose(pi.log_desirability(costs + 1e8, 0.7), -1e8 / 0.7, rtol=1e-6)
 
 
@@ -169,14 +190,20 @@ def costs_of_means(problem: mb.Problem, start: Array, means: Array) -> Array:
     def terminal(mu: Array, cov: Array) -> Array:
         return cost.terminal(mu)
 
-    return pi.path_costs(problem, start, means, jnp.zeros((len(means) + 1, 1, 1)), "start", running, terminal)
+    return pi.path_costs(
+        problem, start, means, jnp.zeros((len(means) + 1, 1, 1)), "start", running, terminal
+    )
 
 
-def assert_desirability(problem: mb.Problem, s: Scalar, means: Array, correction: Array | float) -> None:
+def assert_desirability(
+    problem: mb.Problem, s: Scalar, means: Array, correction: Array | float
+) -> None:
     """The Monte Carlo estimate of eq. (17) agrees with the exact Gaussian integral, to a standard error of 1 %."""
     costs = costs_of_means(problem, jnp.array([s.mean]), means) + correction
     steps, dt = problem.steps, problem.dt
-    exact = reference.gaussian_paths(s.a, s.b, s.diffusion, s.q, s.q_T, s.mean, dt, steps, s.temperature).log_psi
+    exact = reference.gaussian_paths(
+        s.a, s.b, s.diffusion, s.q, s.q_T, s.mean, dt, steps, s.temperature
+    ).log_psi
     values = np.exp(-np.asarray(costs) / s.temperature)
     error = values.std() / values.mean() / np.sqrt(len(values))  # of the log of the mean
     assert error < 0.01
@@ -215,14 +242,19 @@ def test_alpha_means_the_same_for_the_exact_spread_given_or_not(alpha, scalar, x
     problem = scalar.problem()
     exact = np.sqrt(scalar.temperature / scalar.R / problem.dt)
     named = pi.girsanov_weight(problem, scalar.temperature, exact, alpha)
-    np.testing.assert_allclose(pi.girsanov_weight(problem, scalar.temperature, None, alpha), named, rtol=1e-10)
+    np.testing.assert_allclose(
+        pi.girsanov_weight(problem, scalar.temperature, None, alpha), named, rtol=1e-10
+    )
 
 
 @pytest.mark.parametrize("block", [4, 100])
 def test_no_path_of_any_block_weighs_anything_if_no_cost_is_finite(block, monkeypatch, x64):
     monkeypatch.setattr(pi, "BLOCK", block)
     change, w, _ = pi.weighted_in_blocks(
-        lambda key, n: (jnp.ones((2, 1, n)), jnp.full(n, jnp.nan), jnp.zeros((2, 3, n))), jax.random.key(0), 9, 1.0
+        lambda key, n: (jnp.ones((2, 1, n)), jnp.full(n, jnp.nan), jnp.zeros((2, 3, n))),
+        jax.random.key(0),
+        9,
+        1.0,
     )
     np.testing.assert_array_equal(w, np.zeros(9))
     np.testing.assert_array_equal(change, 0)

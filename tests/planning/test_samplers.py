@@ -25,7 +25,9 @@ PLANNER = mb.MPPIBelief(n_samples=N, horizon=HORIZON, theta=0.7, **SETTINGS)
 
 
 @quick_jit
-def act_on(problem: mb.Problem, controller: mb.MPPIBelief, plan: Array, keys: Array) -> tuple[Array, Array]:
+def act_on(
+    problem: mb.Problem, controller: mb.MPPIBelief, plan: Array, keys: Array
+) -> tuple[Array, Array]:
     """First controls (K, nu) and effective sample sizes (K,) for K keys."""
 
     def one(key: Array) -> tuple[Array, Array]:
@@ -43,14 +45,18 @@ def sampled(
     @quick_jit
     def program(problem, policies, aim, key):
         eps = standard_normal(key, (HORIZON, 2, N))
-        controls, _, density = proposals.rollouts(problem, jnp.asarray(problem.prior_mean), policies, second, eps)
+        controls, _, density = proposals.rollouts(
+            problem, jnp.asarray(problem.prior_mean), policies, second, eps
+        )
         return eps, controls, proposals.correction(aim, TEMPERATURE, controls, density)
 
     return program(problem, policies, aim, key)
 
 
 def near_an_obstacle() -> mb.Problem:
-    return light_dark_problem(prior_mean=[2.2, 0.9, 1.0, -1.0], prior_std=[0.3, 0.3, 0.1, 0.1], cost={"w_obs": 30})
+    return light_dark_problem(
+        prior_mean=[2.2, 0.9, 1.0, -1.0], prior_std=[0.3, 0.3, 0.1, 0.1], cost={"w_obs": 30}
+    )
 
 
 @pytest.fixture
@@ -59,7 +65,9 @@ def plan(rng) -> np.ndarray:
 
 
 @pytest.mark.parametrize("control_std", [None, STD])
-def test_of_a_linear_problem_with_quadratic_costs_all_paths_weigh_the_same(control_std, monkeypatch, x64, rng, plan):
+def test_of_a_linear_problem_with_quadratic_costs_all_paths_weigh_the_same(
+    control_std, monkeypatch, x64, rng, plan
+):
     monkeypatch.setattr(proposals, "about_nominal", lambda n, mirrored: np.zeros(n, bool))
     problem, keys = random_problem(rng, steps=HORIZON), jax.random.split(jax.random.key(0), 1)
     planner = mb.MPPIBelief(64, HORIZON, TEMPERATURE, control_std, proposal="laplace")
@@ -73,11 +81,20 @@ def test_of_a_linear_problem_the_matched_policy_is_that_of_lqr(monkeypatch, x64,
     planner = mb.MPPIBelief(2, HORIZON, TEMPERATURE, antithetic=True, proposal="laplace")
     (u,), _ = act_on(problem, planner, plan, jax.random.split(jax.random.key(0), 1))
     best = lqr(problem, np.asarray(problem.prior_mean), np.asarray(charge_weights(HORIZON, "end")))
-    np.testing.assert_allclose(u, best[0], rtol=1e-8)  # a mirrored pair: the mean of the policy itself
+    np.testing.assert_allclose(
+        u, best[0], rtol=1e-8
+    )  # a mirrored pair: the mean of the policy itself
 
 
 def test_a_fifth_is_drawn_about_the_nominal_mirrored_pairs_together():
-    assert [proposals.about_nominal(n, False).sum() for n in (1, 2, 5, 6, 20, 500)] == [1, 1, 1, 2, 4, 100]
+    assert [proposals.about_nominal(n, False).sum() for n in (1, 2, 5, 6, 20, 500)] == [
+        1,
+        1,
+        1,
+        2,
+        4,
+        100,
+    ]
     assert not proposals.about_nominal(2, False)[1]
     for n in (2, 19, 20, 500):
         half, chosen = (n + 1) // 2, proposals.about_nominal(n, True)
@@ -100,9 +117,16 @@ def test_an_expansion_that_leads_far_astray_costs_no_more_than_its_samples(monke
 
     monkeypatch.setattr(proposals, "laplace", astray)
     problem, keys = near_an_obstacle(), jax.random.split(jax.random.key(4), 60)
-    many = N - 10  # another number than in other tests, for which a program without this patch is kept
+    many = (
+        N - 10
+    )  # another number than in other tests, for which a program without this patch is kept
     guided = act_on(problem, replace(PLANNER, n_samples=many, proposal="laplace"), plan, keys)
-    own = act_on(problem, replace(PLANNER, n_samples=int(proposals.about_nominal(many, False).sum())), plan, keys)
+    own = act_on(
+        problem,
+        replace(PLANNER, n_samples=int(proposals.about_nominal(many, False).sum())),
+        plan,
+        keys,
+    )
     np.testing.assert_allclose(guided[1].mean(), own[1].mean(), rtol=0.05)
     error = np.hypot(guided[0].std(axis=0), own[0].std(axis=0)) / np.sqrt(len(keys))
     assert np.all(np.abs(guided[0].mean(axis=0) - own[0].mean(axis=0)) < 4 * error)
@@ -116,10 +140,14 @@ OPTIONS = [
 
 
 @pytest.mark.parametrize("options", OPTIONS)
-def test_the_limit_of_many_samples_is_that_about_the_nominal_and_is_reached_with_fewer(options, x64, plan):
+def test_the_limit_of_many_samples_is_that_about_the_nominal_and_is_reached_with_fewer(
+    options, x64, plan
+):
     problem, keys = near_an_obstacle(), jax.random.split(jax.random.key(1), 60)
     planner = replace(PLANNER, **options)
-    plain, guided = (act_on(problem, replace(planner, proposal=p), plan, keys) for p in ("nominal", "laplace"))
+    plain, guided = (
+        act_on(problem, replace(planner, proposal=p), plan, keys) for p in ("nominal", "laplace")
+    )
     errors = [u.std(axis=0) / np.sqrt(len(keys)) for u, _ in (plain, guided)]
     gap = np.abs(plain[0].mean(axis=0) - guided[0].mean(axis=0))
     assert np.all(gap < 4 * np.hypot(*errors)), (gap, errors)
@@ -128,7 +156,9 @@ def test_the_limit_of_many_samples_is_that_about_the_nominal_and_is_reached_with
 
 
 @pytest.mark.parametrize(("std", "alpha"), [(None, None), (STD, None), (STD, 0.3), (None, 0.3)])
-def test_about_the_nominal_with_its_own_covariance_it_is_the_term_of_the_nominal(std, alpha, x64, plan):
+def test_about_the_nominal_with_its_own_covariance_it_is_the_term_of_the_nominal(
+    std, alpha, x64, plan
+):
     problem = near_an_obstacle()
     aim = proposals.reference(problem, jnp.asarray(plan), TEMPERATURE, std, alpha)
     policy = proposals.plain(problem, jnp.asarray(plan), TEMPERATURE, std)
@@ -142,7 +172,9 @@ def test_about_the_nominal_with_its_own_covariance_it_is_the_term_of_the_nominal
 
 
 def test_a_weight_above_the_exact_one_does_not_push_away_from_the_nominal(x64, plan):
-    problem = light_dark_problem(cost={"control_weight": [1.0, 100.0]})  # R dt std^2 / lambda: 0.1125 and 11.25
+    problem = light_dark_problem(
+        cost={"control_weight": [1.0, 100.0]}
+    )  # R dt std^2 / lambda: 0.1125 and 11.25
     aim = proposals.reference(problem, jnp.asarray(plan), TEMPERATURE, STD, None)
     np.testing.assert_allclose(aim.centre, plan * [1 - 0.1125, 0], rtol=1e-9, atol=1e-12)
 
@@ -168,7 +200,9 @@ def test_the_ratio_of_densities_of_policies_with_feedback_has_mean_one(second, x
 def expanded(plan) -> Callable[..., tuple[proposals.Proposal, proposals.Proposal]]:
     """The Laplace policy for a cost of (x, k) about means that move on by one at each step, and the nominal's."""
 
-    def make(cost: Callable[[Array, Array], Array]) -> tuple[proposals.Proposal, proposals.Proposal]:
+    def make(
+        cost: Callable[[Array, Array], Array],
+    ) -> tuple[proposals.Proposal, proposals.Proposal]:
         problem = near_an_obstacle()
         aim = proposals.reference(problem, jnp.asarray(plan), TEMPERATURE, STD, None)
         means = jnp.ones((HORIZON + 1, 4)) * jnp.arange(HORIZON + 1)[:, None]
@@ -197,7 +231,9 @@ def test_it_plans_from_one_gaussian_through_the_control_and_says_so():
     planner = replace(PLANNER, proposal="laplace", n_samples=8)
 
     def plans(planner: mb.MPPIBelief, belief: Any) -> tuple[int, ...]:
-        traced = jax.eval_shape(planner.act, problem, belief, planner.init(problem), jax.random.key(0))
+        traced = jax.eval_shape(
+            planner.act, problem, belief, planner.init(problem), jax.random.key(0)
+        )
         return traced[0].shape
 
     with pytest.raises(ValueError, match=r"proposal=laplace .* diffusion=matched"):

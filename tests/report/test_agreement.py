@@ -23,20 +23,27 @@ def assert_standard_normal(z: np.ndarray) -> None:
 
 def test_z_of_equal_means_is_a_standard_normal(rng):
     first, second = rng.normal(5, 3, size=(STUDIES, 80)), rng.normal(5, 1, size=(STUDIES, 200))
-    z = [mean_z(a.mean(), a.std(ddof=1), 80, b.mean(), b.std(ddof=1), 200) for a, b in zip(first, second, strict=True)]
+    z = [
+        mean_z(a.mean(), a.std(ddof=1), 80, b.mean(), b.std(ddof=1), 200)
+        for a, b in zip(first, second, strict=True)
+    ]
     assert_standard_normal(np.array(z))
 
 
 def test_z_of_equal_spreads_is_a_standard_normal(rng):
     first, second = rng.normal(5, 3, size=(STUDIES, 150)), rng.normal(1, 3, size=(STUDIES, 200))
-    z = [spread_z(a.std(ddof=1), 150, b.std(ddof=1), 200) for a, b in zip(first, second, strict=True)]
+    z = [
+        spread_z(a.std(ddof=1), 150, b.std(ddof=1), 200) for a, b in zip(first, second, strict=True)
+    ]
     assert_standard_normal(np.array(z))
 
 
 @pytest.mark.parametrize(("rate", "n"), [(0.25, 200), (0.5, 100), (0.15, 400)])
 def test_z_of_equal_proportions_is_a_standard_normal(rate, n, rng):
     first, second = rng.binomial(n, rate, size=STUDIES), rng.binomial(200, rate, size=STUDIES)
-    assert_standard_normal(np.array([proportion_z(int(a), n, int(b), 200) for a, b in zip(first, second, strict=True)]))
+    assert_standard_normal(
+        np.array([proportion_z(int(a), n, int(b), 200) for a, b in zip(first, second, strict=True)])
+    )
 
 
 def test_z_of_a_mean_is_welchs_t():
@@ -80,7 +87,12 @@ def test_none_against_a_quarter_and_none_against_none():
     assert z == pytest.approx(-math.sqrt(2 * (two - one)), rel=1e-12)
     assert z == pytest.approx(-8.65, abs=0.01)
     assert proportion_z(49, 200, 0, 200) == -z
-    assert proportion_z(0, 200, 0, 200) == proportion_z(0, 7, 0, 200) == proportion_z(200, 200, 3, 3) == 0
+    assert (
+        proportion_z(0, 200, 0, 200)
+        == proportion_z(0, 7, 0, 200)
+        == proportion_z(200, 200, 3, 3)
+        == 0
+    )
 
 
 def test_more_hits_are_farther_away():

@@ -37,7 +37,9 @@ def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
         rows = [lost(r["trial"]) if r["trial"] in bad else r for r in rows]
         seconds = SECONDS[method] * np.arange(90, 111) / 100 if method in SECONDS else []
         store(path, CELLS[method], rows, list(seconds))
-        store(path, CELLS[method], [row(trial, cost=1e6, collided=True) for trial in range(200, 205)])  # not asked for
+        store(
+            path, CELLS[method], [row(trial, cost=1e6, collided=True) for trial in range(200, 205)]
+        )  # not asked for
     return path
 
 
@@ -69,9 +71,15 @@ def test_the_text_says_what_is_in_the_files(founds, disk):
     assert frame["Method"].tolist() == [*PAPER]
     assert frame["Trials"].tolist() == ["198", "170", "197", "200"]
     for (_, line), (method, rows) in zip(frame.iterrows(), disk.items(), strict=True):
-        np.testing.assert_allclose(numbers_in(line["Cost"]), (rows["cost"].mean(), rows["cost"].std()), atol=0.0501)
-        np.testing.assert_allclose(numbers_in(line["Collision %"]), clopper_pearson(rows), atol=0.0501)
-        assert (line["Paper: cost"], line["Paper: collision %"], line["Paper: ms"]) == PAPER[line["Method"]]
+        np.testing.assert_allclose(
+            numbers_in(line["Cost"]), (rows["cost"].mean(), rows["cost"].std()), atol=0.0501
+        )
+        np.testing.assert_allclose(
+            numbers_in(line["Collision %"]), clopper_pearson(rows), atol=0.0501
+        )
+        assert (line["Paper: cost"], line["Paper: collision %"], line["Paper: ms"]) == PAPER[
+            line["Method"]
+        ]
         # the median of 0.90, 0.91, ..., 1.10 is 1 and their 95 % point is 1.09
         ms = [1e3 * SECONDS[method] * part for part in (1, 1.09)] if method in SECONDS else []
         np.testing.assert_allclose(numbers_in(line["Time ms (p95)"]), ms, atol=0.00501)
@@ -85,10 +93,16 @@ def test_the_csv_has_the_numbers_in_full(founds, disk, tmp_path):
     for (_, line), rows in zip(written.iterrows(), disk.values(), strict=True):
         n, cost = len(rows), rows["cost"]
         assert (line["trials"] - line["failed"], line["collisions"]) == (n, rows["collided"].sum())
-        np.testing.assert_allclose((line["cost"], line["sd"]), (cost.mean(), cost.std()), rtol=1e-12)
+        np.testing.assert_allclose(
+            (line["cost"], line["sd"]), (cost.mean(), cost.std()), rtol=1e-12
+        )
         for name in ("cost", "clearance"):
-            low, high = stats.t.interval(0.95, n - 1, loc=rows[name].mean(), scale=stats.sem(rows[name]))
-            np.testing.assert_allclose(line[[f"{name}_low", f"{name}_high"]].astype(float), (low, high), rtol=1e-9)
+            low, high = stats.t.interval(
+                0.95, n - 1, loc=rows[name].mean(), scale=stats.sem(rows[name])
+            )
+            np.testing.assert_allclose(
+                line[[f"{name}_low", f"{name}_high"]].astype(float), (low, high), rtol=1e-9
+            )
         rates = line[["collided", "collided_low", "collided_high"]].astype(float)
         np.testing.assert_allclose(100 * rates, clopper_pearson(rows), rtol=1e-7, atol=1e-12)
         np.testing.assert_allclose(line["clearance"], rows["clearance"].mean(), rtol=1e-12)
@@ -109,7 +123,10 @@ def test_markdown_has_a_cell_for_every_column(founds, tmp_path):
 def body_of(latex: str) -> list[list[str]]:
     """The cells of the rows below \\midrule."""
     body = latex.partition("\\midrule\n")[2].partition("\\bottomrule")[0]
-    return [[cell.strip() for cell in line.removesuffix(r"\\").split(" & ")] for line in body.splitlines()]
+    return [
+        [cell.strip() for cell in line.removesuffix(r"\\").split(" & ")]
+        for line in body.splitlines()
+    ]
 
 
 def test_latex_says_what_is_in_the_files(founds, disk):
@@ -117,7 +134,9 @@ def test_latex_says_what_is_in_the_files(founds, disk):
     assert [cells[0] for cells in lines] == [*PAPER]
     for cells, (method, rows) in zip(lines, disk.items(), strict=True):
         assert len(cells) == 7
-        np.testing.assert_allclose(numbers_in(cells[1]), (rows["cost"].mean(), rows["cost"].std()), atol=0.0501)
+        np.testing.assert_allclose(
+            numbers_in(cells[1]), (rows["cost"].mean(), rows["cost"].std()), atol=0.0501
+        )
         np.testing.assert_allclose(numbers_in(cells[2]), clopper_pearson(rows), atol=0.0501)
         assert cells[3] == (f"{1e3 * SECONDS[method]:.1f}" if method in SECONDS else "--")
         cost, rate, ms = PAPER[cells[0]]
@@ -165,16 +184,22 @@ def test_latex_is_sound_for_a_method_of_a_users_own(tmp_path):
 
 def test_methods_are_compared_over_the_good_trials_that_both_have(founds, disk):
     frame = differences(founds)
-    assert frame["Difference"].tolist() == [f"MPPI-Belief - {name}" for name in ("CE-MPPI", "PIPF", "EKF-iLQG")]
+    assert frame["Difference"].tolist() == [
+        f"MPPI-Belief - {name}" for name in ("CE-MPPI", "PIPF", "EKF-iLQG")
+    ]
     for (_, line), method in zip(frame.iterrows(), ("ce", "pipf", "ilqg"), strict=True):
-        both = disk["belief"].merge(disk[method], left_index=True, right_index=True, suffixes=("_1", "_2"))
+        both = disk["belief"].merge(
+            disk[method], left_index=True, right_index=True, suffixes=("_1", "_2")
+        )
         assert line["Pairs"] == str(len(both))
         cost = both["cost_1"] - both["cost_2"]
         value, low, high = numbers_in(line["Cost [95 %]"])
         assert value == pytest.approx(cost.mean(), abs=0.00501)
         # the bootstrap's interval of nearly normal differences is nearly the normal one: 1.96 to 5 %
         half = 1.96 * cost.sem()
-        np.testing.assert_allclose((low, high), (cost.mean() - half, cost.mean() + half), atol=0.1 * half)
+        np.testing.assert_allclose(
+            (low, high), (cost.mean() - half, cost.mean() + half), atol=0.1 * half
+        )
         hits = both["collided_1"].astype(int) - both["collided_2"].astype(int)
         value, low, high = numbers_in(line["Collisions, points [95 %]"])
         assert value == pytest.approx(100 * hits.mean(), abs=0.0501)

@@ -31,8 +31,19 @@ from study_helpers import config, failed_row, row
 STEPS, DT = 14, 0.1
 OBSTACLES, RADIUS = [[3.0, 1.0], [3.0, -1.0]], 0.65
 X, Y = np.linspace(-3, 11, 15), np.linspace(-5, 6, 12)
-NOISE = {"x": X.tolist(), "y": Y.tolist(), "level": np.tile(np.abs(X - 5) / math.sqrt(2) + 0.1, (12, 1)).tolist()}
-SCENE = {"dt": DT, "start": [1.0, 1.0], "goal": [7.0, 0.0], "obstacles": OBSTACLES, "radius": RADIUS, "noise": NOISE}
+NOISE = {
+    "x": X.tolist(),
+    "y": Y.tolist(),
+    "level": np.tile(np.abs(X - 5) / math.sqrt(2) + 0.1, (12, 1)).tolist(),
+}
+SCENE = {
+    "dt": DT,
+    "start": [1.0, 1.0],
+    "goal": [7.0, 0.0],
+    "obstacles": OBSTACLES,
+    "radius": RADIUS,
+    "noise": NOISE,
+}
 LINE = {"dt": DT, "start": [2.0], "goal": [0.0], "obstacles": [], "radius": 0.0}
 MATCHING = {
     "sample": {"optimum": [1.0, None, 0.6], "imposed": [1e4, 50.0, None]},
@@ -43,12 +54,18 @@ MATCHING = {
 def cell(method: str = "belief", theta: float = 1.0, w_obs: float = 500.0, **swept: Any) -> Cell:
     made = config()
     names = made["names"] | {"controller": method}
-    return Cell(made | {"names": names, "swept": swept, "controller": {"theta": theta}, "cost": {"w_obs": w_obs}})
+    return Cell(
+        made
+        | {"names": names, "swept": swept, "controller": {"theta": theta}, "cost": {"w_obs": w_obs}}
+    )
 
 
 def judged(n: int, hits: int, rng: np.random.Generator) -> list[dict[str, Any]]:
     numbers = {"cost": (50, 5), "clearance": (0.5, 0.1), "ess": (20, 3)}
-    return [row(k, collided=k < hits, **{name: rng.normal(*at) for name, at in numbers.items()}) for k in range(n)]
+    return [
+        row(k, collided=k < hits, **{name: rng.normal(*at) for name, at in numbers.items()})
+        for k in range(n)
+    ]
 
 
 def steps(trial: int, nx: int = 4) -> list[dict[str, Any]]:
@@ -60,7 +77,12 @@ def steps(trial: int, nx: int = 4) -> list[dict[str, Any]]:
         turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
         cov = np.eye(4)
         cov[:2, :2] = turn @ np.diag([0.04 + 0.02 * k, 0.01]) @ turn.T
-        parts = {"state": state, "mean": state + 0.1, "cov": cov[:nx, :nx].ravel(), "control": np.zeros(2)}
+        parts = {
+            "state": state,
+            "mean": state + 0.1,
+            "cov": cov[:nx, :nx].ravel(),
+            "control": np.zeros(2),
+        }
         found.append({"trial": trial, "step": k, **parts})
     return found
 
@@ -84,13 +106,22 @@ def found(
     seed: int = 0,
 ) -> Found:
     """A cell with n good trials, `kept` of them with paths, and some bad ones."""
-    rows = pd.DataFrame([*judged(n, hits, np.random.default_rng(seed)), *bad], columns=[*results._TYPES])
+    rows = pd.DataFrame(
+        [*judged(n, hits, np.random.default_rng(seed)), *bad], columns=[*results._TYPES]
+    )
     nx = 4 if scene is None else 2 * len(scene["start"])
-    paths = pd.DataFrame([step for trial in range(kept) for step in steps(trial, nx)], columns=PATH_COLUMNS)
-    return Found(at or cell(), n + len(bad), rows, paths, scene if kept else None, list(seconds), record, [])
+    paths = pd.DataFrame(
+        [step for trial in range(kept) for step in steps(trial, nx)], columns=PATH_COLUMNS
+    )
+    return Found(
+        at or cell(), n + len(bad), rows, paths, scene if kept else None, list(seconds), record, []
+    )
 
 
-BAD = (failed_row({}, 90, "error", "oh"), row(91, status="diverged", cost=math.inf, collided=True, clearance=-9.0))
+BAD = (
+    failed_row({}, 90, "error", "oh"),
+    row(91, status="diverged", cost=math.inf, collided=True, clearance=-9.0),
+)
 
 
 def drawn(axes: Axes) -> dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]:
@@ -100,7 +131,9 @@ def drawn(axes: Axes) -> dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]:
         assert isinstance(bars, ErrorbarContainer)
         line, _, (segments,) = bars.lines
         ends = [np.reshape(segment, (-1, 2))[:, 1] for segment in segments.get_segments()]
-        low, high = np.array([end if len(end) == 2 else [np.nan, np.nan] for end in ends]).reshape(-1, 2).T
+        low, high = (
+            np.array([end if len(end) == 2 else [np.nan, np.nan] for end in ends]).reshape(-1, 2).T
+        )
         found[bars.get_label()] = (line.get_xydata(), low, high)
     return found
 
@@ -112,11 +145,18 @@ def rate(hits: int, n: int) -> tuple[float, float, float]:
 
 
 def mean(values: pd.Series) -> tuple[float, float, float]:
-    return (values.mean(), *stats.t.interval(0.95, len(values) - 1, loc=values.mean(), scale=stats.sem(values)))
+    return (
+        values.mean(),
+        *stats.t.interval(0.95, len(values) - 1, loc=values.mean(), scale=stats.sem(values)),
+    )
 
 
-def agree(line: tuple[np.ndarray, np.ndarray, np.ndarray], expected: Sequence[tuple[float, float, float]]) -> None:
-    np.testing.assert_allclose(np.stack([line[0][:, 1], line[1], line[2]], axis=1), expected, rtol=1e-6, atol=1e-9)
+def agree(
+    line: tuple[np.ndarray, np.ndarray, np.ndarray], expected: Sequence[tuple[float, float, float]]
+) -> None:
+    np.testing.assert_allclose(
+        np.stack([line[0][:, 1], line[1], line[2]], axis=1), expected, rtol=1e-6, atol=1e-9
+    )
 
 
 def colours(axes: Axes) -> dict[str, str]:
@@ -140,7 +180,10 @@ def test_every_method_has_its_own_colour_marker_and_line():
     assert len({one.colour for one in looks}) == len({one.marker for one in looks}) == len(looks)
     assert len({str(one.line) for one in style.LOOKS.values()}) == len(style.LOOKS)
     assert style.ORANGE not in {one.colour for one in looks}
-    assert sorted(["mine", "ilqg", "ce", "pipf", "belief"], key=style.place) == [*[*style.LOOKS][:4], "mine"]
+    assert sorted(["mine", "ilqg", "ce", "pipf", "belief"], key=style.place) == [
+        *[*style.LOOKS][:4],
+        "mine",
+    ]
 
 
 def test_text_is_legible_in_a_column():
@@ -169,7 +212,11 @@ def test_no_text_is_cut_off_or_written_over_another(draw, methods):
     FigureCanvasAgg(figure).draw()
     shown = [axes for axes in figure.axes if axes.get_visible()]
     words = [text for axes in shown for text in (axes.title, axes.xaxis.label, axes.yaxis.label)]
-    written = [text for text in [*words, *figure.legends[0].get_texts()] if text.get_text() and text.get_visible()]
+    written = [
+        text
+        for text in [*words, *figure.legends[0].get_texts()]
+        if text.get_text() and text.get_visible()
+    ]
     boxes = [text.get_window_extent() for text in written]
     assert len(boxes) > 6
     for box in boxes:
@@ -209,7 +256,11 @@ def trial_lines(axes: Axes) -> list[Any]:
 
 
 def ellipses(axes: Axes) -> list[Ellipse]:
-    return [patch for patch in axes.patches if isinstance(patch, Ellipse) and not isinstance(patch, Circle)]
+    return [
+        patch
+        for patch in axes.patches
+        if isinstance(patch, Ellipse) and not isinstance(patch, Circle)
+    ]
 
 
 def test_figure_1_has_a_panel_a_method_in_order_with_the_rate_of_all_good_trials():
@@ -241,7 +292,9 @@ def test_paths_are_those_of_the_trials_and_those_that_collide_are_set_apart():
     assert low < 1 - 0.2 < 7 + 0.2 < high
 
 
-@pytest.mark.parametrize(("record", "trial"), [(None, 0), (1, 1), (7, 0)], ids=["not recorded", "recorded", "lost"])
+@pytest.mark.parametrize(
+    ("record", "trial"), [(None, 0), (1, 1), (7, 0)], ids=["not recorded", "recorded", "lost"]
+)
 def test_ellipses_are_two_standard_deviations_of_one_trial(record, trial):
     given = found(kept=3, record=None if record is None else recording(record))
     axes = panels(figures.figure_1([given]))[0]
@@ -253,7 +306,9 @@ def test_ellipses_are_two_standard_deviations_of_one_trial(record, trial):
         sizes = 4 * np.sqrt(np.linalg.eigvalsh(cov))
         np.testing.assert_allclose(sorted([shape.width, shape.height]), sizes, rtol=1e-9)
         edge = (shape.get_patch_transform().transform(shape.get_path().vertices) - shape.center) / 2
-        np.testing.assert_allclose(np.sum(edge * np.linalg.solve(cov, edge.T).T, axis=1).min(), 1, rtol=1e-3)
+        np.testing.assert_allclose(
+            np.sum(edge * np.linalg.solve(cov, edge.T).T, axis=1).min(), 1, rtol=1e-3
+        )
     widths = [line.get_linewidth() for line in trial_lines(axes)]
     assert np.argmax(widths) == trial
     assert sorted(widths)[1] < max(widths)
@@ -273,7 +328,9 @@ def test_shading_is_sigma_o_with_one_bar():
 def test_failed_trials_lines_and_cells_without_paths_are_left_out():
     diverged = found(n=2, hits=0, kept=3, bad=[row(2, status="diverged", cost=math.inf)])
     wild = diverged.paths["trial"] == 2
-    diverged.paths.loc[wild, "state"] = pd.Series([np.full(4, np.inf)] * wild.sum(), index=diverged.paths.index[wild])
+    diverged.paths.loc[wild, "state"] = pd.Series(
+        [np.full(4, np.inf)] * wild.sum(), index=diverged.paths.index[wild]
+    )
     line, bare = found(cell("lqg"), kept=2, scene=LINE), found(cell("ce"))
     figure = figures.figure_1([line, diverged, bare])
     assert [axes.get_title() for axes in panels(figure)] == ["MPPI-Belief, 0.0 % collide"]
@@ -293,7 +350,10 @@ SETTINGS = tuple(itertools.product(("ilqg", "belief"), (100.0, 1000.0, 10000.0))
 
 
 def weights(n: int = 12) -> list[Found]:
-    return [found(cell(method, w_obs=w), n=n, hits=k, bad=BAD, seed=k) for k, (method, w) in enumerate(SETTINGS)]
+    return [
+        found(cell(method, w_obs=w), n=n, hits=k, bad=BAD, seed=k)
+        for k, (method, w) in enumerate(SETTINGS)
+    ]
 
 
 def test_figure_2_shows_rates_costs_and_their_intervals():
@@ -320,7 +380,10 @@ def test_what_the_paper_says_is_marked():
     band = figure.axes[0].collections[0].get_datalim(figure.axes[0].transData)
     np.testing.assert_allclose([band.x0, band.x1, band.y0, band.y1], [1e2, 1e4, 11, 33])
     hollow = [line for line in figure.axes[0].lines if line.get_markerfacecolor() == "none"]
-    assert [(*line.get_xydata()[0], line.get_marker()) for line in hollow] == [(500, 1, "v"), (2500, 0, "s")]
+    assert [(*line.get_xydata()[0], line.get_marker()) for line in hollow] == [
+        (500, 1, "v"),
+        (2500, 0, "s"),
+    ]
     assert legend(figure) == ["MPPI-Belief", "EKF-iLQG", "paper"]
 
 
@@ -355,7 +418,12 @@ def test_the_theta_figure_shows_rates_clearances_and_costs_beside_the_papers():
     agree(lines[0], [rate(k, 20) for k in (1, 2, 0)])
     agree(lines[1], [mean(one.rows["clearance"]) for one in order])
     agree(lines[2], [mean(one.rows["cost"]) for one in order])
-    hollow = [line.get_xydata().tolist() for axes in figure.axes for line in axes.lines if line.get_mfc() == "none"]
+    hollow = [
+        line.get_xydata().tolist()
+        for axes in figure.axes
+        for line in axes.lines
+        if line.get_mfc() == "none"
+    ]
     assert hollow[0] == [[0, 23], [0.5, 2.5], [1, 0], [2, 1], [5, 1]]
     assert hollow[1:] == [[[0, 0.11], [0.5, 0.8], [1, 0.82]], [[0, 51.3], [1, 56.6]]]
     assert legend(figure) == ["MPPI-Belief", "paper"]
@@ -377,7 +445,8 @@ def test_a_method_has_its_colour_in_every_figure():
     for figure in (figures.figure_2(given), figures.theta_figure(given)):
         assert colours(figure.axes[0]) == expected
     paths = {
-        axes.get_title().split(",")[0]: trial_lines(axes)[0].get_color() for axes in panels(figures.figure_1(given))
+        axes.get_title().split(",")[0]: trial_lines(axes)[0].get_color()
+        for axes in panels(figures.figure_1(given))
     }
     assert {name: to_hex(colour) for name, colour in paths.items()} == expected
 
@@ -388,7 +457,9 @@ def test_residuals_over_time_with_the_papers_value():
     for axes, which in ((best, "optimum"), (imposed, "imposed")):
         for line, reading in zip(axes.lines, ("sample", "intensity"), strict=False):
             np.testing.assert_allclose(line.get_xdata(), [0, DT, 2 * DT])
-            np.testing.assert_array_equal(line.get_ydata(), np.array(MATCHING[reading][which], dtype=float))
+            np.testing.assert_array_equal(
+                line.get_ydata(), np.array(MATCHING[reading][which], dtype=float)
+            )
     assert best.lines[2].get_ydata() == [published.RESIDUAL] * 2
     assert (best.get_yscale(), imposed.get_yscale()) == ("linear", "log")
     assert best.get_ylim()[0] == 0
@@ -403,7 +474,13 @@ def test_a_controller_without_temperature_and_a_line_have_one_panel():
 
 
 @pytest.mark.parametrize(
-    "given", [found(), found(kept=1), found(record=recording()), found(kept=1, record={"trial": 0, "matching": {}})]
+    "given",
+    [
+        found(),
+        found(kept=1),
+        found(record=recording()),
+        found(kept=1, record={"trial": 0, "matching": {}}),
+    ],
 )
 def test_no_residual_no_figure(given):
     assert figures.residual_figure(given) is None
@@ -416,7 +493,10 @@ def sampled(horizon: int, samples: int, **more: Any) -> Found:
 
 def test_samples_and_horizon_a_line_a_horizon_in_four_panels():
     times = 1e-3 * np.random.default_rng(1).permutation(np.arange(1, 101))
-    given = [sampled(h, n, hits=h // 10, seconds=times * h) for h, n in itertools.product((30, 15), (500, 50, 150))]
+    given = [
+        sampled(h, n, hits=h // 10, seconds=times * h)
+        for h, n in itertools.product((30, 15), (500, 50, 150))
+    ]
     figure = figures.ess_figure([*given, found()])
     ess, rates, costs, time = (drawn(axes)["$H = 15$"] for axes in figure.axes)
     order = [given[4], given[5], given[3]]
@@ -450,19 +530,26 @@ def test_the_interval_of_a_median_covers_as_often_as_it_says():
 
 def frames(path: Path) -> tuple[list[np.ndarray], list[int]]:
     with Image.open(path) as image:
-        kept = [(np.asarray(frame.convert("RGB")), frame.info["duration"]) for frame in ImageSequence.Iterator(image)]
+        kept = [
+            (np.asarray(frame.convert("RGB")), frame.info["duration"])
+            for frame in ImageSequence.Iterator(image)
+        ]
         assert image.info["loop"] == 0
     return [picture for picture, _ in kept], [duration for _, duration in kept]
 
 
 def close(picture: np.ndarray, colour: str) -> int:
     """How many pixels have a colour, nearly."""
-    return int(np.sum(np.abs(picture - 255 * np.array(mpl.colors.to_rgb(colour))).max(axis=-1) < 12))
+    return int(
+        np.sum(np.abs(picture - 255 * np.array(mpl.colors.to_rgb(colour))).max(axis=-1) < 12)
+    )
 
 
 def test_an_animation_has_a_frame_a_step_that_goes_on_and_says_when_it_collides(tmp_path):
     target = tmp_path / "trial.gif"
-    assert figures.animate([found(cell("ce"), kept=1, record=recording()), found(kept=1, record=recording())], target)
+    assert figures.animate(
+        [found(cell("ce"), kept=1, record=recording()), found(kept=1, record=recording())], target
+    )
     pictures, durations = frames(target)
     assert len(pictures) == STEPS + 1
     assert durations == [100] * STEPS + [1500]
@@ -470,7 +557,9 @@ def test_an_animation_has_a_frame_a_step_that_goes_on_and_says_when_it_collides(
     assert all(np.any(one != two) for one, two in itertools.pairwise(pictures))
     path = [close(picture, style.look("ce").colour) for picture in pictures]
     assert path[-1] > 2 * path[0]
-    inside = [np.linalg.norm(step["state"][:2] - OBSTACLES, axis=1).min() <= RADIUS for step in steps(0)]
+    inside = [
+        np.linalg.norm(step["state"][:2] - OBSTACLES, axis=1).min() <= RADIUS for step in steps(0)
+    ]
     red = [close(picture, style.ORANGE) > 50 for picture in pictures]
     assert red == [any(inside[: k + 1]) for k in range(STEPS + 1)]
     assert red[0] != red[-1]

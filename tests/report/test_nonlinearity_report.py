@@ -22,19 +22,35 @@ pytestmark = pytest.mark.long
 N, STEPS, NX, NY = 40, 60, 4, 2
 
 
-def cell(filter: str, curvature: float, nees: float, nis: float, loss: float = 1.5, recorded: bool = True) -> Found:
+def cell(
+    filter: str, curvature: float, nees: float, nis: float, loss: float = 1.5, recorded: bool = True
+) -> Found:
     """A cell of `system=bent` whose means are these; the oracle costs `loss` less, trial by trial."""
     made = setting(**{"filter": filter, "system.curvature": curvature}).config
-    config = made | {"names": made["names"] | {"filter": filter, "system": "bent"}, "system": {"curvature": curvature}}
+    config = made | {
+        "names": made["names"] | {"filter": filter, "system": "bent"},
+        "system": {"curvature": curvature},
+    }
     columns = zip(spread_out(N, NX * nees, 0.4), spread_out(N, NY * nis, 0.05), strict=True)
-    rows = [row(i, cost=40 + i + loss, nees=e, nis=d, steps=STEPS) for i, (e, d) in enumerate(columns)]
-    told = {"tangent": {"part": [0.1 * curvature, None, 0.3 * curvature], "states": NX, "measurements": NY}}
+    rows = [
+        row(i, cost=40 + i + loss, nees=e, nis=d, steps=STEPS) for i, (e, d) in enumerate(columns)
+    ]
+    told = {
+        "tangent": {
+            "part": [0.1 * curvature, None, 0.3 * curvature],
+            "states": NX,
+            "measurements": NY,
+        }
+    }
     return held(Cell(config), rows)._replace(recording=told if recorded else None)
 
 
 def oracle() -> Found:
     made = setting("oracle").config
-    config = made | {"names": made["names"] | {"filter": "ekf", "system": "bent"}, "system": {"curvature": 1.0}}
+    config = made | {
+        "names": made["names"] | {"filter": "ekf", "system": "bent"},
+        "system": {"curvature": 1.0},
+    }
     return held(Cell(config), [row(i, cost=40.0 + i) for i in range(N)])
 
 
@@ -59,7 +75,12 @@ def test_bands_are_those_of_chi_square():
 
 def test_every_cell_is_a_point_with_its_residual_and_its_loss(founds):
     shown = consistency.points(founds)
-    assert [(point.filter, point.curvature) for point in shown] == [("ekf", 0), ("ekf", 1), ("ekf", 2), ("ukf", 1)]
+    assert [(point.filter, point.curvature) for point in shown] == [
+        ("ekf", 0),
+        ("ekf", 1),
+        ("ekf", 2),
+        ("ukf", 1),
+    ]
     assert [point.residual for point in shown] == pytest.approx([0, 0.2, 0.4, 0.2])
     assert [point.nees.value for point in shown] == pytest.approx([1, 1.6, 1, 1])
     assert [point.nis.value for point in shown] == pytest.approx([1, 1, 0.9, 1])
@@ -91,7 +112,10 @@ def test_without_an_oracle_or_a_recording_there_is_less_to_say():
     assert math.isnan(point.nees.value)
     assert not point.consistent
     (line,) = consistency.as_frame([point]).to_dict("records")
-    assert [line[name] for name in ("Residual", "NEES/nx [95 %]", "band", "Lost % [95 %]", "Loss [95 %]")] == ["-"] * 5
+    assert [
+        line[name]
+        for name in ("Residual", "NEES/nx [95 %]", "band", "Lost % [95 %]", "Loss [95 %]")
+    ] == ["-"] * 5
 
 
 def test_the_section_has_a_table_for_people_and_one_for_machines(founds, tmp_path):
@@ -111,7 +135,14 @@ def test_the_figure_shows_the_points(founds):
     residual, middle, loss = figure.axes
     np.testing.assert_allclose(residual.lines[0].get_ydata(), [0, 0.2, 0.4], atol=1e-12)
     labels = middle.get_legend_handles_labels()[1]
-    assert {"NEES, EKF", "NIS, EKF", "NEES, UKF", "NIS, UKF", "95 % band of NEES", "95 % band of NIS"} == set(labels)
+    assert {
+        "NEES, EKF",
+        "NIS, EKF",
+        "NEES, UKF",
+        "NIS, UKF",
+        "95 % band of NEES",
+        "95 % band of NIS",
+    } == set(labels)
     heights = [container.lines[0].get_ydata() for container in loss.containers]
     np.testing.assert_allclose(np.concatenate(heights), [1.5, 2.5, 1.5, 1.5])
     assert figures.consistency_figure([]) is None

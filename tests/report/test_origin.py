@@ -12,8 +12,17 @@ from report_helpers import held, lost, setting, trials
 def source(**changes: Any) -> dict[str, Any]:
     """What a part file says."""
     versions = {"mppi-belief": "0.1.0", "jaxlib": "0.7.1", "numpy": "2.3.2"}
-    run = {"command": ["mppi-belief", "run", "experiment=table_1"], "started": "2025-01-01T10:00:00+00:00"}
-    place = {"platform": "Linux", "processor": "a processor", "commit": "4a7f400", "dirty": False, "algorithm": 1}
+    run = {
+        "command": ["mppi-belief", "run", "experiment=table_1"],
+        "started": "2025-01-01T10:00:00+00:00",
+    }
+    place = {
+        "platform": "Linux",
+        "processor": "a processor",
+        "commit": "4a7f400",
+        "dirty": False,
+        "algorithm": 1,
+    }
     return run | place | {"elapsed": 60.0, "versions": versions} | changes
 
 
@@ -33,12 +42,23 @@ INSTALLED: dict[str, Any] = {"commit": None, "dirty": None}
     "sources",
     [
         [source()],
-        [source(), source(started="2025-02-02T10:00:00+00:00", elapsed=1.0, command=["mppi-belief", "run"])],
+        [
+            source(),
+            source(
+                started="2025-02-02T10:00:00+00:00", elapsed=1.0, command=["mppi-belief", "run"]
+            ),
+        ],
         [source(processor="another"), source()],
         [source(**INSTALLED), source(**INSTALLED)],
         [source(versions=source()["versions"] | {"pandas": "3"}), source()],
     ],
-    ids=["one", "two runs", "two machines", "an installed package", "other versions of what does not compute"],
+    ids=[
+        "one",
+        "two runs",
+        "two machines",
+        "an installed package",
+        "other versions of what does not compute",
+    ],
 )
 def test_complete_results_of_one_kind_have_no_warnings(sources):
     assert warnings([complete(*sources), complete(*sources, method="ce")]) == []
@@ -95,7 +115,14 @@ def test_missing_trials_are_counted_and_failed_ones_too():
 
 def test_everything_at_once_is_a_line_each():
     rows = [*trials(20), lost(20)]
-    founds = [held(setting(), rows, 30, [source(dirty=True, commit="a"), source(versions=OTHER_JAXLIB, algorithm=2)])]
+    founds = [
+        held(
+            setting(),
+            rows,
+            30,
+            [source(dirty=True, commit="a"), source(versions=OTHER_JAXLIB, algorithm=2)],
+        )
+    ]
     lines = warnings(founds)
     assert len(lines) == len(set(lines)) == 7
     assert not any("\n" in line for line in lines)
@@ -104,7 +131,12 @@ def test_everything_at_once_is_a_line_each():
 def test_provenance_names_every_commit_version_machine_seed_and_command_once():
     founds = [
         complete(source(), source(), seed=0),
-        complete(source(**INSTALLED, processor="another", command=["mppi-belief", "run", "-m", "seed=0,1"]), seed=1),
+        complete(
+            source(
+                **INSTALLED, processor="another", command=["mppi-belief", "run", "-m", "seed=0,1"]
+            ),
+            seed=1,
+        ),
         held(setting("ce"), trials(7), 200, [source(versions=OTHER_JAXLIB)]),
     ]
     found = told(founds)

@@ -54,7 +54,12 @@ def draw(path: Path, size: tuple[float, float], title: str) -> None:
     figure = Figure(figsize=size, layout="constrained")
     axes = figure.subplots()
     for index, method in enumerate(METHODS):
-        axes.plot([100, 500, 2500, 10000], [0.3 / (index + 1), 0.2, 0.18, 0.17 - 0.03 * index], "o-", label=method)
+        axes.plot(
+            [100, 500, 2500, 10000],
+            [0.3 / (index + 1), 0.2, 0.18, 0.17 - 0.03 * index],
+            "o-",
+            label=method,
+        )
     axes.set(xscale="log", xlabel="$w_{obs}$", ylabel="collision rate", title=title)
     axes.legend(frameon=False)
     figure.savefig(path, dpi=200)
@@ -64,18 +69,44 @@ def table_1() -> Table:
     frame = pd.DataFrame(
         {
             "Method": METHODS,
-            "Cost [95 %]": ["46.31 [45.40, 47.22]", "50.12 [49.30, 50.94]", "-", "55.27 [54.29, 56.25]"],
-            "Collided % [95 %]": ["24.5 [18.7, 31.1]", "22.0 [16.5, 28.4]", "18.0 [12.9, 24.0]", "0.5 [0.0, 2.8]"],
+            "Cost [95 %]": [
+                "46.31 [45.40, 47.22]",
+                "50.12 [49.30, 50.94]",
+                "-",
+                "55.27 [54.29, 56.25]",
+            ],
+            "Collided % [95 %]": [
+                "24.5 [18.7, 31.1]",
+                "22.0 [16.5, 28.4]",
+                "18.0 [12.9, 24.0]",
+                "0.5 [0.0, 2.8]",
+            ],
             "Time (ms)": ["148", "13", "296", "18"],
-            "Remark": ["replanned to convergence at every step, from the plan before", "", "", "within 95 %"],
+            "Remark": [
+                "replanned to convergence at every step, from the plan before",
+                "",
+                "",
+                "within 95 %",
+            ],
         }
     )
-    return Table("table-1", "Four controllers on the light-dark domain, 200 trials each", frame, bold={(3, 2)})
+    return Table(
+        "table-1",
+        "Four controllers on the light-dark domain, 200 trials each",
+        frame,
+        bold={(3, 2)},
+    )
 
 
 def wide_table() -> Table:
-    cells = [[name, *(f"{row + column / 8:.2f} ± 6.2" for column in range(8))] for row, name in enumerate(METHODS)]
-    names = ["Method", *(f"w_obs = {weight}" for weight in (100, 200, 500, 1000, 2000, 2500, 5000, 10000))]
+    cells = [
+        [name, *(f"{row + column / 8:.2f} ± 6.2" for column in range(8))]
+        for row, name in enumerate(METHODS)
+    ]
+    names = [
+        "Method",
+        *(f"w_obs = {weight}" for weight in (100, 200, 500, 1000, 2000, 2500, 5000, 10000)),
+    ]
     caption = "Base cost without obstacle penalties by `w_obs`: mean and standard deviation over 200 trials per point"
     return Table("sweep", caption, pd.DataFrame(cells, columns=names))
 
@@ -95,7 +126,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def page() -> Page:
     command = "mppi-belief reproduce --out outputs/report -m controller=belief,ce,pipf,ilqg n_trials=200 seed=0"
     sweep = Picture(
-        "sweep.png", "Collision rate against `w_obs`: MPPI-Belief falls to zero, the others stay above 11 %."
+        "sweep.png",
+        "Collision rate against `w_obs`: MPPI-Belief falls to zero, the others stay above 11 %.",
     )
     return Page(
         title="Path Integral Control in Gaussian Belief Space: the experiments again",
@@ -107,11 +139,24 @@ def page() -> Page:
         sections=[
             Section(
                 "Table I: is MPPI-Belief safer?",
-                ["Intervals are for the mean, 95 %; collisions have the exact interval.", "Set `theta=0` for CE-MPPI."],
+                [
+                    "Intervals are for the mean, 95 %; collisions have the exact interval.",
+                    "Set `theta=0` for CE-MPPI.",
+                ],
                 [table_1()],
-                [Picture("paths.png", "50 trials of each method in the plane; the shading is the observation noise.")],
+                [
+                    Picture(
+                        "paths.png",
+                        "50 trials of each method in the plane; the shading is the observation noise.",
+                    )
+                ],
             ),
-            Section("Obstacle weight w_obs", ["Two orders of magnitude of the weight."], [wide_table()], [sweep]),
+            Section(
+                "Obstacle weight w_obs",
+                ["Two orders of magnitude of the weight."],
+                [wide_table()],
+                [sweep],
+            ),
             Section(
                 "Risk θ",
                 ["Five values of theta."],
@@ -137,23 +182,33 @@ def parsed(page: Page, folder: Path) -> Parsed:
 def everywhere(text: str, warnings: int = 2) -> Page:
     """A page with one text in every field."""
     frame = pd.DataFrame([[text, "1"], ["2", text]], columns=[text, text + " "])
-    section = Section(text, [text, text], [Table(text, text, frame)], [Picture(f"{text}.png", text)])
+    section = Section(
+        text, [text, text], [Table(text, text, frame)], [Picture(f"{text}.png", text)]
+    )
     return Page(text, text, [text] * warnings, [section, section], [(text, text)])
 
 
 def test_the_page_needs_nothing_else(parsed, folder):
-    addresses = [attributes.get(name) for _, attributes in parsed.tags for name in ("src", "href", "srcset")]
+    addresses = [
+        attributes.get(name) for _, attributes in parsed.tags for name in ("src", "href", "srcset")
+    ]
     assert not [address for address in addresses if address and re.match("[a-z]*:?//", address)]
     assert not parsed.all("script")
     assert not re.search(r"url\(|@import|@font-face", parsed.text("style")[0])
-    pictures = [(folder / name).read_bytes() for name in ("paths.png", "sweep.png", 'theta "0.5".png')]
+    pictures = [
+        (folder / name).read_bytes() for name in ("paths.png", "sweep.png", 'theta "0.5".png')
+    ]
     uris = ["data:image/png;base64," + base64.b64encode(data).decode() for data in pictures]
     assert [image["src"] for image in parsed.all("img")] == uris
 
 
 def test_the_page_is_whole(parsed, page):
     assert parsed.text("h1") == parsed.text("title") == [page.title]
-    assert parsed.text("h2") == ["Warnings", *(section.title for section in page.sections), "Provenance"]
+    assert parsed.text("h2") == [
+        "Warnings",
+        *(section.title for section in page.sections),
+        "Provenance",
+    ]
     assert parsed.text("li")[:2] == [warning.replace("`", "") for warning in page.warnings]
     assert parsed.text("dt", "dd") == [text for pair in page.provenance for text in pair]
     assert parsed.all("html")[0]["lang"] == "en"
@@ -163,15 +218,28 @@ def test_the_page_is_whole(parsed, page):
 def test_every_anchor_leads_somewhere(parsed):
     ids = [attributes["id"] for _, attributes in parsed.tags if "id" in attributes]
     anchors = [a["href"].removeprefix("#") for a in parsed.all("a") if a["href"].startswith("#")]
-    labels = [attributes["aria-labelledby"] for _, attributes in parsed.tags if "aria-labelledby" in attributes]
-    assert anchors == ["table-i-is-mppi-belief-safer", "obstacle-weight-w-obs", "risk", "provenance"]
+    labels = [
+        attributes["aria-labelledby"]
+        for _, attributes in parsed.tags
+        if "aria-labelledby" in attributes
+    ]
+    assert anchors == [
+        "table-i-is-mppi-belief-safer",
+        "obstacle-weight-w-obs",
+        "risk",
+        "provenance",
+    ]
     assert len(set(ids)) == len(ids)
     assert {*anchors, *labels} <= set(ids)
 
 
 def test_ids_are_unique_whatever_the_titles(folder):
     titles = ["Warnings", "Provenance", "A b", "a-b", "a b 2", "θ", "?"]
-    parsed = Parsed(render(Page("t", "l", ["w"], [Section(title, []) for title in titles], [("a", "b")]), folder))
+    parsed = Parsed(
+        render(
+            Page("t", "l", ["w"], [Section(title, []) for title in titles], [("a", "b")]), folder
+        )
+    )
     ids = [attributes["id"] for _, attributes in parsed.tags if "id" in attributes]
     assert len(set(ids)) == len(ids) == len(titles) + 2
 
@@ -185,11 +253,29 @@ def test_cells_are_those_of_the_frame(parsed):
 
 
 def test_columns_of_numbers_stand_to_the_right(parsed):
-    assert [th["class"] for th in parsed.all("th")][:5] == ["word", "number", "number", "number", "prose"]
+    assert [th["class"] for th in parsed.all("th")][:5] == [
+        "word",
+        "number",
+        "number",
+        "number",
+        "prose",
+    ]
 
 
 @pytest.mark.parametrize(
-    "cell", ["3", "-0.5", "1e-05", "24.5%", "46.1 ± 6.2", "< 0.01", "7 of 200", "nan", "\u22121", "11\u201333 %"]
+    "cell",
+    [
+        "3",
+        "-0.5",
+        "1e-05",
+        "24.5%",
+        "46.1 ± 6.2",
+        "< 0.01",
+        "7 of 200",
+        "nan",
+        "\u22121",
+        "11\u201333 %",
+    ],
 )
 def test_numbers(cell, folder):
     assert kinds([cell, "-", ""], folder) == "number"
@@ -203,7 +289,9 @@ def test_words(cell, folder):
 def kinds(cells: list[str], folder: Path) -> str:
     """The kind of a column, as the page has it."""
     table = Table("t", "c", pd.DataFrame({"name": cells}))
-    return Parsed(render(Page("t", "l", [], [Section("s", [], [table])], []), folder)).all("th")[0]["class"]
+    return Parsed(render(Page("t", "l", [], [Section("s", [], [table])], []), folder)).all("th")[0][
+        "class"
+    ]
 
 
 def test_hostile_text_stays_text(folder):
@@ -217,7 +305,14 @@ def test_hostile_text_stays_text(folder):
 
 def test_files_beside_the_page_are_linked_if_they_exist(parsed):
     links = [a["href"] for a in parsed.all("a") if not a["href"].startswith("#")]
-    assert links == ["table-1.csv", "table-1.tex", "paths.png", "sweep.png", "sweep.pdf", "theta%20%220.5%22.png"]
+    assert links == [
+        "table-1.csv",
+        "table-1.tex",
+        "paths.png",
+        "sweep.png",
+        "sweep.pdf",
+        "theta%20%220.5%22.png",
+    ]
 
 
 def test_a_missing_picture_is_a_note(parsed):
@@ -226,8 +321,15 @@ def test_a_missing_picture_is_a_note(parsed):
 
 
 def test_every_picture_says_what_is_seen(parsed, page):
-    pictures = [picture for section in page.sections for picture in section.pictures if picture.file != "gone.gif"]
-    assert [image["alt"] for image in parsed.all("img")] == [picture.alt.replace("`", "") for picture in pictures]
+    pictures = [
+        picture
+        for section in page.sections
+        for picture in section.pictures
+        if picture.file != "gone.gif"
+    ]
+    assert [image["alt"] for image in parsed.all("img")] == [
+        picture.alt.replace("`", "") for picture in pictures
+    ]
 
 
 def test_only_png_and_gif(tmp_path):
@@ -235,7 +337,9 @@ def test_only_png_and_gif(tmp_path):
     page = Page("t", "l", [], [Section("s", [], pictures=[Picture("a.GIF", "moves")])], [])
     assert Parsed(render(page, tmp_path)).all("img")[0]["src"] == "data:image/gif;base64,R0lGODlh"
     with pytest.raises(ValueError, match=r"'a\.svg'"):
-        render(page._replace(sections=[Section("s", [], pictures=[Picture("a.svg", "")])]), tmp_path)
+        render(
+            page._replace(sections=[Section("s", [], pictures=[Picture("a.svg", "")])]), tmp_path
+        )
 
 
 def test_code_and_nothing_else(folder):
@@ -287,7 +391,9 @@ def test_long_words_do_not_widen_the_page(folder, tmp_path):
 @in_a_browser
 def test_a_browser_would_notice(page, folder, tmp_path):
     spoilt = '<img src="data:image/png;base64,AAAA" alt=""><div style="width: 2000px">wide</div><script>x</script>'
-    (seen,), complaints = browser.look(render(page, folder).replace("</main>", f"{spoilt}</main>"), [360], tmp_path)
+    (seen,), complaints = browser.look(
+        render(page, folder).replace("</main>", f"{spoilt}</main>"), [360], tmp_path
+    )
     assert seen.content > seen.room
     assert seen.pictures[-1] == 0
     assert len(complaints) == 1

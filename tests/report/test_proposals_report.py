@@ -9,11 +9,15 @@ from mppi_belief.report.sections.studies import sections
 from report_helpers import held, setting, trials
 
 
-def found(proposal: str, samples: int, cost: float, ess: float, method: str = "belief", **more) -> Found:
+def found(
+    proposal: str, samples: int, cost: float, ess: float, method: str = "belief", **more
+) -> Found:
     """Twenty trials of a cell that takes a millisecond for a hundred samples."""
     swept = {"controller.proposal": proposal, "planner.n_samples": samples}
     cell = setting(method, **more, **swept)
-    cell = cell._replace(config=cell.config | {"controller": cell.config["controller"] | {"n_samples": samples}})
+    cell = cell._replace(
+        config=cell.config | {"controller": cell.config["controller"] | {"n_samples": samples}}
+    )
     rows = [one | {"ess": ess} for one in trials(20, 1, (cost, 5.0 + ess / 500))]
     return held(cell, rows)._replace(seconds=[samples / 1e5] * 20)
 
@@ -34,7 +38,12 @@ def study() -> list[Found]:
 
 def test_cells_are_compared_that_differ_in_the_proposal_alone():
     cells = study()
-    assert [(cells.index(a), cells.index(b)) for a, b in twins(cells)] == [(0, 3), (1, 4), (5, 6), (7, 8)]
+    assert [(cells.index(a), cells.index(b)) for a, b in twins(cells)] == [
+        (0, 3),
+        (1, 4),
+        (5, 6),
+        (7, 8),
+    ]
 
 
 def test_the_fewest_samples_are_found_that_cost_no_more():

@@ -19,20 +19,29 @@ from report_helpers import SCENE, held, setting, trials
 
 LIGHT = 5.0
 # Q, R, L of J = sum (m' Q m + u' R u) + m_T' L m_T + tr(L Sigma_T), then the prior's variance, `const` and T
-PUBLISHED = {"platt_2010": (0.5, 0.5, 200.0, 5.0, 1.0, 30), "van_den_berg_2012": (0.0, 1.0, 10.0 * 25, 1.0, 1e-4, 25)}
+PUBLISHED = {
+    "platt_2010": (0.5, 0.5, 200.0, 5.0, 1.0, 30),
+    "van_den_berg_2012": (0.0, 1.0, 10.0 * 25, 1.0, 1e-4, 25),
+}
 
 
-def published(study: str, controls: jax.Array, on_state: float = 0.0) -> tuple[jax.Array, jax.Array]:
+def published(
+    study: str, controls: jax.Array, on_state: float = 0.0
+) -> tuple[jax.Array, jax.Array]:
     """J () of controls (T, 2) from (2, 2) if every measurement is the likeliest, and the means (T, 2) on the way.
     The variance s is that of both coordinates; `on_state` of it is charged on the way as well."""
     Q, R, last, prior, const, _ = PUBLISHED[study]
 
-    def step(at: tuple[jax.Array, jax.Array], u: jax.Array) -> tuple[tuple[jax.Array, jax.Array], tuple]:
+    def step(
+        at: tuple[jax.Array, jax.Array], u: jax.Array
+    ) -> tuple[tuple[jax.Array, jax.Array], tuple]:
         m, s = at[0] + u, at[1]
         s = 1 / (1 / s + 1 / (0.5 * (LIGHT - m[0]) ** 2 + const))
         return (m, s), (Q * (m @ m + 2 * on_state * s) + R * u @ u, m)
 
-    (m, s), (charged, means) = jax.lax.scan(step, (jnp.array([2.0, 2.0]), jnp.array(prior)), controls)
+    (m, s), (charged, means) = jax.lax.scan(
+        step, (jnp.array([2.0, 2.0]), jnp.array(prior)), controls
+    )
     return jnp.sum(charged) + last * (m @ m + 2 * s), means
 
 
@@ -53,7 +62,9 @@ def test_the_domain_is_the_published_one(study, x64, rng):
     problem = planner(study).problem
     system, const, steps = problem.system, PUBLISHED[study][4], PUBLISHED[study][5]
     for x, u in rng.normal(0, 3, size=(5, 2, 2)):
-        np.testing.assert_allclose(mb.discretise.euler_step(system, jnp.asarray(x), jnp.asarray(u), problem.dt), x + u)
+        np.testing.assert_allclose(
+            mb.discretise.euler_step(system, jnp.asarray(x), jnp.asarray(u), problem.dt), x + u
+        )
         noise = mb.discretise.measurement_cov(system, jnp.asarray(x), problem.dt)
         np.testing.assert_allclose(noise, ((5 - x[0]) ** 2 / 2 + const) * np.eye(2))
         np.testing.assert_array_equal(system.c(jnp.asarray(x)), x)
@@ -70,21 +81,30 @@ def test_a_planned_path_costs_what_was_published(study, x64, rng):
     J, expected = published(study, jnp.asarray(controls), on_state=1.0)
     effort = PUBLISHED[study][1] * np.sum(controls**2)
     np.testing.assert_allclose(means[:, :, 0], expected, atol=1e-12)
-    np.testing.assert_allclose(found[0], J - effort, rtol=1e-6)  # their process noise of 1e-8 is not in J
+    np.testing.assert_allclose(
+        found[0], J - effort, rtol=1e-6
+    )  # their process noise of 1e-8 is not in J
     R = np.asarray(parts.problem.cost.R)
     np.testing.assert_allclose(np.einsum("ti,ij,tj->", controls, R, controls) / 2, effort)
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(("study", "furthest", "J"), [("platt_2010", 4.49, 117.2), ("van_den_berg_2012", 4.99, 2.85)])
+@pytest.mark.parametrize(
+    ("study", "furthest", "J"), [("platt_2010", 4.49, 117.2), ("van_den_berg_2012", 4.99, 2.85)]
+)
 def test_the_plan_of_least_published_cost_goes_to_the_light(study, furthest, J, x64):
     """The numbers that docs/beyond/published_problems.md gives beside ours."""
     steps = PUBLISHED[study][5]
     there, back = steps // 2, steps - steps // 2
-    first = np.vstack([np.tile([3 / there, -2 / steps], (there, 1)), np.tile([-5 / back, -2 / steps], (back, 1))])
+    first = np.vstack(
+        [np.tile([3 / there, -2 / steps], (there, 1)), np.tile([-5 / back, -2 / steps], (back, 1))]
+    )
     slope = quick_jit(jax.value_and_grad(lambda z: published(study, z.reshape(-1, 2))[0]))
     firsts = (np.zeros_like(first), first)
-    plans = [minimize(slope, z.ravel(), jac=True, method="L-BFGS-B", options={"maxiter": 3000}) for z in firsts]
+    plans = [
+        minimize(slope, z.ravel(), jac=True, method="L-BFGS-B", options={"maxiter": 3000})
+        for z in firsts
+    ]
     best = min(plans, key=lambda plan: plan.fun)
     _, means = published(study, best.x.reshape(-1, 2))
     assert best.fun == pytest.approx(J, rel=0.01)
@@ -93,7 +113,9 @@ def test_the_plan_of_least_published_cost_goes_to_the_light(study, furthest, J, 
     told = (CONF.parent / "docs" / "beyond" / "published_problems.md").read_text()
     assert f"best plan | {furthest} m |" in told
     straight = np.full((steps, 2), -2 / steps)
-    by_the_light, at_once = planned(planner(study), np.stack([best.x.reshape(-1, 2), straight], axis=-1))[0]
+    by_the_light, at_once = planned(
+        planner(study), np.stack([best.x.reshape(-1, 2), straight], axis=-1)
+    )[0]
     R = PUBLISHED[study][1]
     assert by_the_light + R * np.sum(best.x**2) < at_once + R * np.sum(straight**2)
 
@@ -104,11 +126,21 @@ def found(method: str, reaches: list[float], **changed) -> Found:
     cell = cell._replace(config=cell.config | {"system": {"light": LIGHT}})
     rows = [one | {"final_distance": 0.1 * one["trial"]} for one in trials(5)]
     steps = [
-        {"trial": trial, "step": k, "state": np.zeros(2), "mean": np.array([x, 9.0]), "cov": np.array(cov)}
+        {
+            "trial": trial,
+            "step": k,
+            "state": np.zeros(2),
+            "mean": np.array([x, 9.0]),
+            "cov": np.array(cov),
+        }
         for trial, reach in [*enumerate(reaches), (9, 5.0)]
-        for k, (x, cov) in enumerate([(2.0, [4.0, 0.0, 0.0, 4.0]), (reach, [1.0, 0, 0, 1.0]), (0.0, [0.08, 0, 0, 0.1])])
+        for k, (x, cov) in enumerate(
+            [(2.0, [4.0, 0.0, 0.0, 4.0]), (reach, [1.0, 0, 0, 1.0]), (0.0, [0.08, 0, 0, 0.1])]
+        )
     ]
-    return held(cell, rows)._replace(paths=pd.DataFrame(steps), scene=SCENE | {"obstacles": []}, **changed)
+    return held(cell, rows)._replace(
+        paths=pd.DataFrame(steps), scene=SCENE | {"obstacles": []}, **changed
+    )
 
 
 def test_what_a_belief_did_is_read_from_the_kept_trials():
@@ -120,7 +152,9 @@ def test_what_a_belief_did_is_read_from_the_kept_trials():
 
 @pytest.mark.long
 def test_a_report_tells_both_problems(tmp_path):
-    studies = {name: [found("belief_joint", [5.0, 4.5]), found("ce", [2.0, 2.5])] for name in PUBLISHED}
+    studies = {
+        name: [found("belief_joint", [5.0, 4.5]), found("ce", [2.0, 2.5])] for name in PUBLISHED
+    }
     made = sections(studies, tmp_path)
     assert [section.title.rpartition(" of ")[2] for section in made] == [
         "Platt et al. 2010",
@@ -137,5 +171,7 @@ def test_a_report_tells_both_problems(tmp_path):
 
 
 def test_a_cell_without_kept_trials_has_a_line():
-    bare = found("ce", [])._replace(paths=pd.DataFrame(columns=["trial", "step", "state", "mean", "cov"]))
+    bare = found("ce", [])._replace(
+        paths=pd.DataFrame(columns=["trial", "step", "state", "mean", "cov"])
+    )
     assert lines([bare])["furthest x m"].item() == "-"

@@ -34,31 +34,50 @@ def cell(method: str, value: int) -> Cell:
     config = setting(method, **{key: value}).config
     filter = {"n_particles": 50} if method == "pipf" else {}
     problem = {"dt": 0.1}
-    return Cell(config | {"controller": {key.rpartition(".")[2]: value}, "filter": filter, "problem": problem})
+    return Cell(
+        config
+        | {"controller": {key.rpartition(".")[2]: value}, "filter": filter, "problem": problem}
+    )
 
 
 def found(method: str, value: int, cost: float, ms: float | None = None, hits: int = 0) -> Found:
     """A cell whose trials all cost as much above those of another cell as their means are apart."""
     made = held(cell(method, value), trials(N, hits, (cost, SD)))
-    return made if ms is None else made._replace(seconds=[1e-3 * ms * part for part in (0.9, 1.0, 1.0, 1.1)])
+    return (
+        made
+        if ms is None
+        else made._replace(seconds=[1e-3 * ms * part for part in (0.9, 1.0, 1.0, 1.1)])
+    )
 
 
 def belief() -> list[Found]:
     """Three numbers of samples, the largest the best by 2 and 10 %."""
-    return [found("belief", 50, 55.0, 0.2), found("belief", 500, 51.0, 0.5), found("belief", 5000, 50.0, 4.0)]
+    return [
+        found("belief", 50, 55.0, 0.2),
+        found("belief", 500, 51.0, 0.5),
+        found("belief", 5000, 50.0, 4.0),
+    ]
 
 
 def test_a_study_is_its_yaml_and_those_that_begin_with_its_name_and_a_dot(tmp_path):
     assert grids([f"experiment={STUDY}", "n_trials=3"]) == [
         [f"experiment={STUDY}{name}", "n_trials=3"] for name in ("", ".ilqg", ".pipf")
     ]
-    for args in ([], ["theta=1"], ["experiment=table_1"], ["experiment="], [f"experiment={STUDY}.pipf"]):
+    for args in (
+        [],
+        ["theta=1"],
+        ["experiment=table_1"],
+        ["experiment="],
+        [f"experiment={STUDY}.pipf"],
+    ):
         assert grids(args) == [args]
     (tmp_path / "experiment").mkdir()
     for name in ("mine.more.yaml", "mine_too.yaml"):
         (tmp_path / "experiment" / name).touch()
     args = ["--config-dir", str(tmp_path), "experiment=mine"]
-    (tmp_path / "experiment" / "mine.yaml").write_text("hydra:\n  sweeper:\n    params:\n      theta: 0,1\n")
+    (tmp_path / "experiment" / "mine.yaml").write_text(
+        "hydra:\n  sweeper:\n    params:\n      theta: 0,1\n"
+    )
     assert grids(args) == [args, [*args[:2], "experiment=mine.more"]]
     assert grids([*args, "theta=2"]) == [[*args, "theta=2"]]  # a part of the first grid
     assert len(grids([*args, "seed=2"])) == 2
@@ -78,7 +97,9 @@ def test_a_configuration_is_printed_once(tmp_path, capsys):
 
 def test_every_file_of_the_study_is_documented():
     text = (CONF.parent / "experiments" / f"{STUDY}.md").read_text()
-    assert all(f"experiment={grid[0].partition('=')[2]}" in text for grid in grids([f"experiment={STUDY}"]))
+    assert all(
+        f"experiment={grid[0].partition('=')[2]}" in text for grid in grids([f"experiment={STUDY}"])
+    )
 
 
 def test_a_line_says_time_samples_and_what_they_buy_above_the_best():
@@ -87,7 +108,11 @@ def test_a_line_says_time_samples_and_what_they_buy_above_the_best():
     ilqg = held(cell("ilqg", 1), [*trials(4), lost(9)])
     table = lines([[one, two, best], [pipf], [ilqg]])
     assert table["method"].tolist() == ["MPPI-Belief"] * 3 + ["PIPF", "EKF-iLQG"]
-    assert table["setting"].tolist() == [*(f"planner.n_samples={n}" for n in (50, 500, 5000)), "-", "-"]
+    assert table["setting"].tolist() == [
+        *(f"planner.n_samples={n}" for n in (50, 500, 5000)),
+        "-",
+        "-",
+    ]
     assert table["samples"].tolist() == ["50", "500", "5000", "1000", "-"]
     assert table["ms/step (p95)"].tolist()[2:] == ["4.00 (4.34)", "-", "-"]
     assert table[ABOVE].tolist() == ["5.00 [5.00, 5.00]", "1.00 [1.00, 1.00]", "-", "-", "-"]
@@ -109,7 +134,9 @@ def told(found: Found, value: int) -> str:
 def test_the_quickest_that_is_good_enough_is_named_beside_the_best():
     cells = belief()
     sentence = advice(cells)
-    assert re.search(rf"good enough is {told(cells[1], 500)}, 1\.00 \[1\.00, 1\.00\] above", sentence)
+    assert re.search(
+        rf"good enough is {told(cells[1], 500)}, 1\.00 \[1\.00, 1\.00\] above", sentence
+    )
     assert re.search(rf"the best, {told(cells[2], 5000)}$", sentence)
     assert advice(cells[1:] + cells[:1]) == sentence
 
@@ -119,7 +146,8 @@ def test_good_enough_is_a_part_of_the_least_cost(share, enough):
     cells = [found("ce", 50, 50.0 * (1 + share), 0.2), found("ce", 500, 50.0, 0.4)]
     assert ("quickest that is good enough is `planner.n_samples=50`" in advice(cells)) is enough
     assert (
-        "no setting quicker than the best is shown to be good enough: `planner.n_samples=500`" in advice(cells)
+        "no setting quicker than the best is shown to be good enough: `planner.n_samples=500`"
+        in advice(cells)
     ) is not enough
 
 
@@ -136,7 +164,8 @@ def test_time_decides_and_not_the_number():
     assert "good enough is `controller.max_iterations=2`" in advice(cells)
     untimed = [one._replace(seconds=[]) for one in cells]
     assert re.search(
-        r"the best is `controller\.max_iterations=50` .*, and not all settings were timed$", advice(untimed)
+        r"the best is `controller\.max_iterations=50` .*, and not all settings were timed$",
+        advice(untimed),
     )
     half = advice([*untimed[:1], *cells[1:]])
     assert "quickest" not in half
@@ -145,7 +174,9 @@ def test_time_decides_and_not_the_number():
 
 def test_a_setting_that_fails_more_often_is_not_recommended_for_its_survivors():
     good = [found("ce", 50, 52.0, 0.2), found("ce", 500, 50.0, 0.4)]
-    lucky = held(cell("ce", 5), [row(0, cost=1.0), *(lost(t) for t in range(1, N))])._replace(seconds=[1e-4] * 9)
+    lucky = held(cell("ce", 5), [row(0, cost=1.0), *(lost(t) for t in range(1, N))])._replace(
+        seconds=[1e-4] * 9
+    )
     assert advice([lucky, *good]) == advice(good)
 
 
@@ -159,20 +190,30 @@ def test_the_best_may_be_the_quickest():
 def test_cells_without_trials_are_in_no_comparison(tmp_path):
     empty, bad = held(cell("belief", 5), []), held(cell("belief", 7), [lost(0), lost(1)])
     cells = [empty, *belief(), bad]
-    assert advice(cells) == advice([one._replace(seconds=[]) if one in (empty, bad) else one for one in cells])
+    assert advice(cells) == advice(
+        [one._replace(seconds=[]) if one in (empty, bad) else one for one in cells]
+    )
     assert "good enough is `planner.n_samples=500`" in advice(cells)
-    assert lines([cells])[ABOVE].tolist() == ["-", "5.00 [5.00, 5.00]", "1.00 [1.00, 1.00]", "-", "-"]
+    assert lines([cells])[ABOVE].tolist() == [
+        "-",
+        "5.00 [5.00, 5.00]",
+        "1.00 [1.00, 1.00]",
+        "-",
+        "-",
+    ]
     assert lines([[empty, bad]])["trials"].tolist() == ["0", "2 (2 failed)"]
     assert sections({STUDY: [empty, bad]}, tmp_path) == []
 
 
 def test_collisions_are_compared_trial_by_trial_from_the_quickest_setting_to_the_slowest():
-    slow, quick, between = (found("ce", n, 50.0, ms, hits) for n, ms, hits in ((1, 3.0, 2), (2, 0.5, 12), (3, 1.0, 6)))
+    slow, quick, between = (
+        found("ce", n, 50.0, ms, hits) for n, ms, hits in ((1, 3.0, 2), (2, 0.5, 12), (3, 1.0, 6))
+    )
     sentence = collisions([slow, quick, between])
     change, _ = paired_rate_difference(np.arange(N) < 2, np.arange(N) < 12)
-    assert re.fullmatch(r"Collisions: 10\.0 to 60\.0 %; from .* by (.*) points", sentence)[1] == interval(
-        change.times(100), 1
-    )
+    assert re.fullmatch(r"Collisions: 10\.0 to 60\.0 %; from .* by (.*) points", sentence)[
+        1
+    ] == interval(change.times(100), 1)
     assert change.value == -0.5
     assert collisions([quick, held(cell("ce", 5), [lost(0)])]) == "Collisions: 60.0 [36.1, 80.9] %"
 
@@ -192,10 +233,14 @@ def test_the_section_has_a_sentence_a_method_a_table_and_a_figure(tmp_path):
     names = ["MPPI-Belief", "CE-MPPI", "PIPF", "EKF-iLQG"]
     assert [text.partition(":")[0] for text in said] == names
     assert list(dict.fromkeys(section.tables[0].frame["method"])) == names
-    assert {path.name for path in tmp_path.iterdir()} == {f"{STUDY}.{kind}" for kind in ("md", "csv", "png", "pdf")}
+    assert {path.name for path in tmp_path.iterdir()} == {
+        f"{STUDY}.{kind}" for kind in ("md", "csv", "png", "pdf")
+    }
     header, *rows = (tmp_path / f"{STUDY}.csv").read_text().splitlines()
     assert {"planner.n_samples", "time", "cost_low", "collided_high"} <= set(header.split(","))
-    assert [line.split(",")[0] for line in rows] == ["belief"] * 3 + ["ce"] * 2 + ["pipf"] * 2 + ["ilqg"] * 2
+    assert [line.split(",")[0] for line in rows] == ["belief"] * 3 + ["ce"] * 2 + ["pipf"] * 2 + [
+        "ilqg"
+    ] * 2
 
 
 def test_without_times_nothing_is_said_of_them(tmp_path):
@@ -224,7 +269,9 @@ def test_the_figure_shows_cost_and_collisions_against_time_and_samples():
     np.testing.assert_allclose(points(paths)[2][:, 0], [10000, 1000], rtol=0.1)
     np.testing.assert_allclose(points(paths)[2][:, 1], [51.0, 55.0])
     assert points(paths)[3].size == 0
-    assert named(time) == named(rates) == ["5000", "500", "50", "5000", "50", "200", "20", "50", "1"]
+    assert (
+        named(time) == named(rates) == ["5000", "500", "50", "5000", "50", "200", "20", "50", "1"]
+    )
     assert named(paths) == []
     assert [axes.get_xscale() for axes in figure.axes] == ["log"] * 4
 
@@ -251,7 +298,9 @@ def test_no_label_leaves_the_figure_or_runs_into_another():
 
 def test_cells_without_trials_or_times_are_left_out_of_the_figure():
     one, two, best = belief()
-    figure = figures.quality_figure([one, two._replace(seconds=[]), best, held(cell("ce", 5), [lost(0)])])
+    figure = figures.quality_figure(
+        [one, two._replace(seconds=[]), best, held(cell("ce", 5), [lost(0)])]
+    )
     assert [len(axes.containers) for axes in figure.axes] == [1] * 4
     assert points(figure.axes[0])[0][:, 0].tolist() == pytest.approx([0.2, 4.0])
     assert named(figure.axes[0]) == ["50", "5000"]
@@ -264,8 +313,14 @@ def test_one_setting_has_no_name():
     figure = figures.quality_figure([found("ce", 500, 50.0, 0.4)])
     assert [text.get_text() for text in figure.legends[0].get_texts()] == ["CE-MPPI"]
     assert set(named(figure.axes[0])) <= {""}
-    assert advice([found("ce", 500, 50.0, 0.4)]) == "CE-MPPI: cost 50.0 [47.2, 52.8], 0.40 ms a step"
+    assert (
+        advice([found("ce", 500, 50.0, 0.4)]) == "CE-MPPI: cost 50.0 [47.2, 52.8], 0.40 ms a step"
+    )
 
 
 def test_the_paths_of_a_step_are_counted():
-    assert [found(method, 20, 50.0).samples for method in ("belief", "pipf", "ilqg")] == [20, 1000, None]
+    assert [found(method, 20, 50.0).samples for method in ("belief", "pipf", "ilqg")] == [
+        20,
+        1000,
+        None,
+    ]

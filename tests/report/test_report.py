@@ -39,7 +39,8 @@ def test_the_mean_interval_covers_as_often_as_it_says(rng):
 
 
 @pytest.mark.parametrize(
-    ("values", "value"), [([], math.nan), ([2.5], 2.5), ([1.0, math.nan], math.nan), ([1.0, math.inf], math.inf)]
+    ("values", "value"),
+    [([], math.nan), ([2.5], 2.5), ([1.0, math.nan], math.nan), ([1.0, math.inf], math.inf)],
 )
 def test_a_mean_of_too_few_or_of_infinite_values_has_no_interval(values, value):
     np.testing.assert_equal(tuple(mean_interval(np.array(values))), (value, math.nan, math.nan))
@@ -56,7 +57,9 @@ def test_a_proportion_has_the_interval_of_clopper_and_pearson(successes, trials)
     low = stats.beta.ppf(0.025, successes, trials - successes + 1) if successes else 0.0
     high = stats.beta.ppf(0.975, successes + 1, trials - successes) if successes < trials else 1.0
     expected = (successes / trials, low, high)
-    np.testing.assert_allclose(proportion_interval(successes, trials), expected, rtol=1e-8, atol=1e-15)
+    np.testing.assert_allclose(
+        proportion_interval(successes, trials), expected, rtol=1e-8, atol=1e-15
+    )
 
 
 def test_none_of_two_hundred_and_none_of_none():
@@ -73,11 +76,15 @@ def test_the_proportion_interval_covers_at_least_as_often_as_it_says(p):
 
 
 def rows(n: int = 20, **changes: Any) -> pd.DataFrame:
-    return pd.DataFrame([row(trial, collided=trial < 3, clearance=0.1 * trial, **changes) for trial in range(n)])
+    return pd.DataFrame(
+        [row(trial, collided=trial < 3, clearance=0.1 * trial, **changes) for trial in range(n)]
+    )
 
 
 def test_a_line_says_what_its_trials_show():
-    line = summarise(rows(), {"controller": "belief", "theta": 0.5, "w_obs": math.nan}, [1e-3] * 99 + [1.0])
+    line = summarise(
+        rows(), {"controller": "belief", "theta": 0.5, "w_obs": math.nan}, [1e-3] * 99 + [1.0]
+    )
     value, low, high = mean_interval(np.arange(20) + 3.0)
     assert line["cost [95 %]"] == f"{value:.2f} [{low:.2f}, {high:.2f}]"
     assert line["collided % [95 %]"] == "15.0 [3.2, 37.9]"
@@ -99,8 +106,14 @@ def test_failed_trials_are_counted_and_in_no_average():
 
 
 def test_a_line_of_failures_only_or_of_one_trial_can_be_written():
-    lost = summarise(pd.DataFrame([failed_row({}, trial, "error", "oh") for trial in range(2)]), {}, None)
-    assert (lost["trials"], lost["cost [95 %]"], lost["collided % [95 %]"]) == ("2 (2 failed)", "-", "-")
+    lost = summarise(
+        pd.DataFrame([failed_row({}, trial, "error", "oh") for trial in range(2)]), {}, None
+    )
+    assert (lost["trials"], lost["cost [95 %]"], lost["collided % [95 %]"]) == (
+        "2 (2 failed)",
+        "-",
+        "-",
+    )
     one = summarise(rows(1), {}, [])
     assert one["cost [95 %]"] == "3.00"
     far = summarise(rows().assign(clearance=math.inf), {}, None)
@@ -127,7 +140,14 @@ def paths(trials: int, nx: int) -> list[dict[str, Any]]:
 
 def plane(obstacles: list[list[float]]) -> dict[str, Any]:
     noise = {"x": [0.0, 5.0, 9.0], "y": [-1.0, 1.0], "level": [[0.3, 0.1, 0.2], [0.3, 0.1, 0.2]]}
-    return {"dt": 0.1, "start": [1, 1], "goal": [7, 0], "obstacles": obstacles, "radius": 0.65, "noise": noise}
+    return {
+        "dt": 0.1,
+        "start": [1, 1],
+        "goal": [7, 0],
+        "obstacles": obstacles,
+        "radius": 0.65,
+        "noise": noise,
+    }
 
 
 def settings() -> dict[str, Any]:
@@ -140,7 +160,11 @@ LINE = {"dt": 0.1, "start": [2.0], "goal": [0.0], "obstacles": [], "radius": 0.0
 
 @pytest.mark.parametrize(
     ("scene", "nx", "shape"),
-    [(plane([[3, 1], [3, -1]]), 4, (1040, 1440)), (plane([]), 2, (1040, 1440)), (LINE, 1, (640, 1440))],
+    [
+        (plane([[3, 1], [3, -1]]), 4, (1040, 1440)),
+        (plane([]), 2, (1040, 1440)),
+        (LINE, 1, (640, 1440)),
+    ],
     ids=["plane", "plane without obstacles", "line"],
 )
 def test_pictures_of_the_plane_and_of_a_line_over_time(scene, nx, shape, tmp_path):
@@ -165,21 +189,37 @@ def test_a_picture_shows_every_path_and_says_which_collide():
     axes = figure.axes[0]
     drawn = [line for line in axes.lines if len(line.get_xdata()) == 4]
     assert [line.get_color() for line in drawn] == [figures.BLUE, figures.ORANGE, figures.BLUE]
-    np.testing.assert_allclose(drawn[2].get_xydata(), np.repeat(2 + 0.1 * np.arange(4)[:, None], 2, axis=1))
+    np.testing.assert_allclose(
+        drawn[2].get_xydata(), np.repeat(2 + 0.1 * np.arange(4)[:, None], 2, axis=1)
+    )
     assert legend(figure) == ["start", "goal", "2 paths", "1 that collide"]
     (low, high), (bottom, top) = axes.get_xlim(), axes.get_ylim()
     assert low < 1 < 7 < high
     assert bottom < 0 < 2.3 < top
-    assert legend(figures.trajectories(pd.DataFrame(paths(3, 4)), plane([]), set(), "")) == ["start", "goal", "3 paths"]
+    assert legend(figures.trajectories(pd.DataFrame(paths(3, 4)), plane([]), set(), "")) == [
+        "start",
+        "goal",
+        "3 paths",
+    ]
 
 
 def test_pictures_can_be_compared_on_one_scale():
-    runs = [figures.Run(pd.DataFrame(paths(n, 4)), plane([[3, 1]]), set(), f"{n} trials") for n in (1, 2, 12)]
+    runs = [
+        figures.Run(pd.DataFrame(paths(n, 4)), plane([[3, 1]]), set(), f"{n} trials")
+        for n in (1, 2, 12)
+    ]
     figure = figures.compare(runs)
     assert legend(figure) == ["start", "goal", "a trial"]
-    assert legend(figures.compare([*runs, runs[0]._replace(collided={0})]))[3] == "a trial that collides"
+    assert (
+        legend(figures.compare([*runs, runs[0]._replace(collided={0})]))[3]
+        == "a trial that collides"
+    )
     panels = figure.axes[:4]
-    assert [axes.get_title() for axes in panels if axes.get_visible()] == ["1 trials", "2 trials", "12 trials"]
+    assert [axes.get_title() for axes in panels if axes.get_visible()] == [
+        "1 trials",
+        "2 trials",
+        "12 trials",
+    ]
     assert len({axes.get_xlim() for axes in panels[:3]}) == 1
     assert panels[0].get_xlim()[1] > 11.3
 
@@ -201,7 +241,13 @@ def outcome(ran: dict[str, int], found: int = 0) -> Any:
 
 def test_the_overview_prints_a_table_draws_and_counts_failures(tmp_path, capsys):
     good = stored(tmp_path, *(row(trial) for trial in range(4)))
-    bad = stored(tmp_path, row(0), failed_row({}, 1, "error", "oh dear"), failed_row({}, 9, "crashed", "late"), seed=1)
+    bad = stored(
+        tmp_path,
+        row(0),
+        failed_row({}, 1, "error", "oh dear"),
+        failed_row({}, 9, "crashed", "late"),
+        seed=1,
+    )
     assert overview([good, bad], tmp_path, 4, outcome({good.id: 4, bad.id: 0}, 2)) == 1
     out, err = capsys.readouterr()
     header, first, second, counts, pictures = out.splitlines()

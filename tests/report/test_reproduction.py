@@ -50,14 +50,22 @@ def table_1(n: int = 200, **hits: int) -> list[Found]:
 
 def sweep(method: str, rates: dict[float, float], n: int = 200) -> list[Found]:
     """A method over weights, with collision rates in %."""
-    return [held(setting(method, w_obs=w_obs), trials(n, round(n * rate / 100))) for w_obs, rate in rates.items()]
+    return [
+        held(setting(method, w_obs=w_obs), trials(n, round(n * rate / 100)))
+        for w_obs, rate in rates.items()
+    ]
 
 
 def weights() -> list[Found]:
     """As the paper says."""
-    baselines = [found for method in ("ilqg", "ce", "pipf") for found in sweep(method, dict.fromkeys(WEIGHTS, 20.0))]
+    baselines = [
+        found
+        for method in ("ilqg", "ce", "pipf")
+        for found in sweep(method, dict.fromkeys(WEIGHTS, 20.0))
+    ]
     return baselines + sweep(
-        "belief", {100.0: 9.0, 250.0: 4.0, 500.0: 0.5, 1000.0: 0.5} | dict.fromkeys(WEIGHTS[4:], 0.0)
+        "belief",
+        {100.0: 9.0, 250.0: 4.0, 500.0: 0.5, 1000.0: 0.5} | dict.fromkeys(WEIGHTS[4:], 0.0),
     )
 
 
@@ -87,7 +95,10 @@ def test_every_published_number_is_there_once_and_fitted_numbers_are_those_of_ta
     for name, cost, sd, rate in TABLE_1.values():
         expected |= {(f"{name}, cost", f"{cost}"), (f"{name}, spread of the cost", f"{sd}")}
         expected |= {(f"{name}, collisions %", f"{rate:.1f}")}
-    expected |= {("theta 1, cost", "56.6"), ("theta 1, collisions %", "0.0")}  # Table I's cell again
+    expected |= {
+        ("theta 1, cost", "56.6"),
+        ("theta 1, collisions %", "0.0"),
+    }  # Table I's cell again
     assert fitted == expected
     predicted = {(line.what, line.paper) for line in lines if line.kind == HELD_OUT}
     expected = {(f"theta {theta}, collisions %", "0.5 to 1.5") for theta in (2, 5)}
@@ -97,7 +108,8 @@ def test_every_published_number_is_there_once_and_fitted_numbers_are_those_of_ta
         expected |= {(f"theta {theta:g}, cost", f"{cost}")} if cost and theta != 1 else set()
     for w_obs in WEIGHTS:
         expected |= {
-            (f"w_obs {w_obs:g}, {TABLE_1[name][0]}, collisions %", "11 to 33") for name in ("ilqg", "ce", "pipf")
+            (f"w_obs {w_obs:g}, {TABLE_1[name][0]}, collisions %", "11 to 33")
+            for name in ("ilqg", "ce", "pipf")
         }
     for w_obs in WEIGHTS[2:]:
         paper = "0 to 1" if w_obs < 2500 else "0.0"
@@ -111,7 +123,9 @@ def test_the_papers_own_numbers_agree_with_themselves():
         assert abs(line.z) < 1e-6, line
         assert line.paper == line.ours or " to " in line.paper
     lines = compare(table_1(), thetas(), weights())
-    assert verdict(lines, FITTED).startswith("14 of the 14 fitted numbers agree within 2 standard errors; ")
+    assert verdict(lines, FITTED).startswith(
+        "14 of the 14 fitted numbers agree within 2 standard errors; "
+    )
     ranges = sum(" to " in line.paper for line in lines)
     points = len(lines) - 14 - ranges
     said = f"{points} of the {points} held-out numbers agree within 2 standard errors, and {ranges} of {ranges} ranges"
@@ -135,7 +149,9 @@ def test_z_of_the_theta_sweep_by_hand():
     both = math.sqrt(1 / 100 + 1 / 200)
     assert lines["theta 0, clearance m"].z == pytest.approx(0.09 / (0.3 * both), rel=1e-9)
     assert lines["theta 0, cost"].z == pytest.approx(-1.3 / (6 * both), rel=1e-9)
-    assert lines["theta 0, collisions %"].z == pytest.approx(likelihood_ratio(30, 100, 46, 200), rel=1e-9)
+    assert lines["theta 0, collisions %"].z == pytest.approx(
+        likelihood_ratio(30, 100, 46, 200), rel=1e-9
+    )
     assert len(lines) == 3
 
 
@@ -153,7 +169,9 @@ def test_z_of_the_theta_sweep_by_hand():
         ("belief", 2500.0, 2, 0.0),
     ],
 )
-def test_within_a_range_z_is_zero_and_outside_it_counts_from_the_nearest_end(method, w_obs, hits, end):
+def test_within_a_range_z_is_zero_and_outside_it_counts_from_the_nearest_end(
+    method, w_obs, hits, end
+):
     (line,) = compare([], [], sweep(method, {w_obs: hits / 2}))
     expected = 0.0 if end is None else likelihood_ratio(hits, 200, 200 * end, 200)
     assert line.z == pytest.approx(expected, rel=1e-6, abs=1e-6)
@@ -169,7 +187,12 @@ def test_where_the_paper_says_nothing_nothing_is_compared():
 def test_cells_without_at_least_two_good_trials_are_left_out():
     few = [[], trials(1), [*trials(1), lost(1), lost(2)]]
     for rows in few:
-        assert compare([held(setting(), rows, 5)], [held(setting(), rows, 5)], [held(setting(), rows, 5)]) == []
+        assert (
+            compare(
+                [held(setting(), rows, 5)], [held(setting(), rows, 5)], [held(setting(), rows, 5)]
+            )
+            == []
+        )
     assert len(compare([held(setting(), trials(2))], [], [])) == 3
 
 
@@ -177,7 +200,10 @@ def test_cells_without_at_least_two_good_trials_are_left_out():
 @pytest.mark.parametrize("clearance", [0.3, math.inf], ids=["equal trials", "no obstacles"])
 def test_trials_without_a_spread_do_not_stop_a_report(clearance):
     rows = trials(5, 0, (50.0, 0.0), (clearance, 0.0))
-    lines = [*compare([held(setting(), rows)], [], []), *compare([], [held(setting(theta=0.0), rows)], [])]
+    lines = [
+        *compare([held(setting(), rows)], [], []),
+        *compare([], [held(setting(theta=0.0), rows)], []),
+    ]
     assert [line.what for line in lines if "clearance" in line.what] == ["theta 0, clearance m"]
     for kind in (FITTED, HELD_OUT):
         assert len(as_frame(lines, kind)) == 3
@@ -198,7 +224,9 @@ def test_the_frame_has_the_lines_of_one_kind():
 
 def test_the_verdict_counts_and_names_the_farthest():
     z = [0.1, -1.9, 2.0, -2.1, 7.0, -9.5, math.nan]
-    lines = [Compared(FITTED, f"number {k}", f"{k}.5", f"{k}.7", value) for k, value in enumerate(z)]
+    lines = [
+        Compared(FITTED, f"number {k}", f"{k}.5", f"{k}.7", value) for k, value in enumerate(z)
+    ]
     lines.append(Compared(HELD_OUT, "another", "1", "2", 99.0))
     said = verdict(lines, FITTED)
     assert said.startswith("3 of the 6 fitted numbers agree within 2 standard errors")
@@ -219,7 +247,11 @@ def claim(found: Sequence[str], start: str) -> str:
     return line
 
 
-ABOVE, FREE, BELOW = "Every baseline collides", "No baseline is free", "MPPI-Belief collides in less"
+ABOVE, FREE, BELOW = (
+    "Every baseline collides",
+    "No baseline is free",
+    "MPPI-Belief collides in less",
+)
 
 
 def test_claims_that_hold_say_so():
@@ -238,8 +270,12 @@ def test_claims_name_exactly_the_cells_where_they_fail():
         *sweep("belief", {100.0: 50.0, 250.0: 1.0, 500.0: 1.0, 1000.0: 0.5, 2500.0: 2.5}),
     ]
     found = claims(first, cells)
-    assert found[0] == "MPPI-Belief at theta = 1 has 1 collisions in 200 trials; the paper has none."
-    assert claim(found, ABOVE).endswith(": fails for PIPF at w_obs = 500 (10.0 %), CE-MPPI at w_obs = 10000 (0.0 %).")
+    assert (
+        found[0] == "MPPI-Belief at theta = 1 has 1 collisions in 200 trials; the paper has none."
+    )
+    assert claim(found, ABOVE).endswith(
+        ": fails for PIPF at w_obs = 500 (10.0 %), CE-MPPI at w_obs = 10000 (0.0 %)."
+    )
     assert claim(found, FREE).endswith(": fails for CE-MPPI at w_obs = 10000 (0.0 %).")
     assert claim(found, BELOW).endswith(
         ": fails for MPPI-Belief at w_obs = 500 (1.0 %), MPPI-Belief at w_obs = 2500 (2.5 %)."
@@ -248,7 +284,10 @@ def test_claims_name_exactly_the_cells_where_they_fail():
 
 def test_claims_are_made_of_what_there_is():
     assert claims([], []) == []
-    only = claims([held(setting(), [lost(0)]), held(setting("ce"), [])], sweep("belief", {100.0: 50.0, 250.0: 20.0}))
+    only = claims(
+        [held(setting(), [lost(0)]), held(setting("ce"), [])],
+        sweep("belief", {100.0: 50.0, 250.0: 20.0}),
+    )
     assert only == []
     (line,) = claims([held(setting(), [*trials(4, 1), lost(4)])], [])
     assert "1 collisions in 4 trials" in line

@@ -16,7 +16,9 @@ from mppi_belief.report.statistics import Estimate, paired_mean_difference, pair
 SMALL_COUNTS = st.integers(0, 25)
 
 
-def bca(values: np.ndarray, resamples: int, rng: np.random.Generator) -> tuple[float, float, np.ndarray]:
+def bca(
+    values: np.ndarray, resamples: int, rng: np.random.Generator
+) -> tuple[float, float, np.ndarray]:
     """Efron's (1987) interval of a mean, after his formulas, and the resampled means."""
     n = len(values)
     means = np.sort(rng.multinomial(n, np.full(n, 1 / n), size=resamples) @ values / n)
@@ -39,7 +41,11 @@ def test_a_mean_difference_has_efrons_interval(rng):
         level = np.mean(means <= expected)
         density = stats.gaussian_kde(means[::50])(expected)[0]
         z_error = 2 * 0.5 / stats.norm.pdf(0) * stats.norm.pdf(stats.norm.ppf(level))
-        error = math.hypot(math.sqrt(level * (1 - level)), z_error) / math.sqrt(statistics.RESAMPLES) / density
+        error = (
+            math.hypot(math.sqrt(level * (1 - level)), z_error)
+            / math.sqrt(statistics.RESAMPLES)
+            / density
+        )
         assert abs(got - expected) < SIGMAS * error
         # neither Student's interval nor the bootstrap's plain percentiles
         half = stats.t.ppf(0.975, 24) * stats.sem(difference)
@@ -61,7 +67,9 @@ def test_the_interval_of_a_mean_difference_covers_as_often_as_theory_says(rng, m
 
 
 @pytest.mark.parametrize(
-    ("first", "value"), [([], math.nan), ([2.5], 1.5), ([2.0, 5.0], 2.5)], ids=["none", "one", "two"]
+    ("first", "value"),
+    [([], math.nan), ([2.5], 1.5), ([2.0, 5.0], 2.5)],
+    ids=["none", "one", "two"],
 )
 def test_too_few_pairs_have_no_interval(first, value):
     found = paired_mean_difference(np.array(first), np.ones(len(first)))
@@ -85,7 +93,9 @@ def test_a_mean_difference_is_always_the_same_and_mirrored_when_its_sides_change
     assert found.low < found.value < found.high
     value, low, high = paired_mean_difference(second, first)
     np.testing.assert_allclose((-value, -high, -low), found, rtol=1e-9)
-    np.testing.assert_allclose(paired_mean_difference(10 * first + 3, 10 * second), 10 * np.array(found) + 3, rtol=1e-9)
+    np.testing.assert_allclose(
+        paired_mean_difference(10 * first + 3, 10 * second), 10 * np.array(found) + 3, rtol=1e-9
+    )
 
 
 def test_a_higher_level_has_a_wider_interval(rng):
@@ -95,7 +105,9 @@ def test_a_higher_level_has_a_wider_interval(rng):
     assert wide.value == narrow.value
 
 
-def pairs(only_first: int, only_second: int, both: int = 0, neither: int = 0) -> tuple[np.ndarray, np.ndarray]:
+def pairs(
+    only_first: int, only_second: int, both: int = 0, neither: int = 0
+) -> tuple[np.ndarray, np.ndarray]:
     """So many pairs of each kind."""
     kinds = [(True, False)] * only_first + [(False, True)] * only_second
     kinds += [(True, True)] * both + [(False, False)] * neither
@@ -125,8 +137,12 @@ def test_the_p_value_is_that_of_the_sign_test(only_first, only_second, both, nei
 
 @pytest.mark.parametrize("level", [0.95, 0.9, 0.5])
 @given(only_first=SMALL_COUNTS, only_second=SMALL_COUNTS, neither=st.integers(1, 200))
-def test_the_rate_interval_leaves_out_zero_exactly_where_the_test_rejects(level, only_first, only_second, neither):
-    (_, low, high), _ = paired_rate_difference(*pairs(only_first, only_second, neither=neither), level)
+def test_the_rate_interval_leaves_out_zero_exactly_where_the_test_rejects(
+    level, only_first, only_second, neither
+):
+    (_, low, high), _ = paired_rate_difference(
+        *pairs(only_first, only_second, neither=neither), level
+    )
     p, limit = two_sided(only_first, only_second), 1 - Fraction(str(level))
     if p != limit:  # then the interval ends at zero, up to rounding
         assert (low > 0 or high < 0) == (p < limit)
@@ -150,7 +166,9 @@ def test_pairs_that_agree_say_nothing_for_either_side():
 
 
 @pytest.mark.parametrize(
-    ("only_first", "only_second"), [(0.0, 0.23), (0.05, 0.0), (0.3, 0.1), (0.2, 0.2)], ids=lambda rate: f"{rate:g}"
+    ("only_first", "only_second"),
+    [(0.0, 0.23), (0.05, 0.0), (0.3, 0.1), (0.2, 0.2)],
+    ids=lambda rate: f"{rate:g}",
 )
 def test_the_rate_interval_covers_the_difference_about_as_often_as_it_says(only_first, only_second):
     """Over all outcomes of 40 pairs, of which the differing ones of either kind are as likely as given."""
@@ -158,7 +176,9 @@ def test_the_rate_interval_covers_the_difference_about_as_often_as_it_says(only_
     for wins in range(n + 1):
         for losses in range(n + 1 - wins):
             counts = [wins, losses, n - wins - losses]
-            share = stats.multinomial.pmf(counts, n, [only_first, only_second, 1 - only_first - only_second])
+            share = stats.multinomial.pmf(
+                counts, n, [only_first, only_second, 1 - only_first - only_second]
+            )
             if share > 1e-7:
                 (_, low, high), _ = paired_rate_difference(*pairs(*counts[:2], neither=counts[2]))
                 covered += share * (low - 1e-12 <= only_first - only_second <= high + 1e-12)

@@ -16,10 +16,16 @@ SOURCE = {"commit": "4a7f400", "dirty": False, "seed": 7}
 
 def made(name: str = "cole_hopf", value: float = 1e-13, panels: int = 2) -> Certificate:
     x = np.linspace(1.0, 2.0, 5)
-    lines = [Line("line", x, x**2, "line", x**2 - 0.1, x**2 + 0.1), Line("points", x, x, "points", x - 0.2, x + 0.2)]
+    lines = [
+        Line("line", x, x**2, "line", x**2 - 0.1, x**2 + 0.1),
+        Line("points", x, x, "points", x - 0.2, x + 0.2),
+    ]
     lines.append(Line("", x, 1 / x, "dashed"))
     drawn = [Panel(f"panel {index}", "x (m)", "y", lines, "xy") for index in range(panels)]
-    checks = [at_most("residual", value, 1e-12, "rounding"), at_least("size", 2.0, 1.0, "closed form")]
+    checks = [
+        at_most("residual", value, 1e-12, "rounding"),
+        at_least("size", 2.0, 1.0, "closed form"),
+    ]
     return Certificate(name, f"Statement of {name}", f"What {name} covers.", checks, drawn)
 
 
@@ -68,13 +74,18 @@ def test_the_files_have_the_full_numbers_and_the_figures(tmp_path):
     assert numbers["value"][0] == 0.1 + 0.2
     assert list(numbers["holds"]) == [False, True, True, True]
     assert not (tmp_path / "feynman_kac.png").exists()
-    assert "| residual | 0.3 | ≤ 1e-12 | FAILS | rounding |" in (tmp_path / "certificates.md").read_text()
+    assert (
+        "| residual | 0.3 | ≤ 1e-12 | FAILS | rounding |"
+        in (tmp_path / "certificates.md").read_text()
+    )
     assert (tmp_path / "cole_hopf.png").read_bytes()[:4] == b"\x89PNG"
     assert (tmp_path / "cole_hopf.pdf").is_file()
 
 
 def test_the_page_has_an_overview_and_a_section_for_each(tmp_path):
-    first, one, other = theory.sections(stored(made(), made("feynman_kac", value=1.0, panels=0)), tmp_path)
+    first, one, other = theory.sections(
+        stored(made(), made("feynman_kac", value=1.0, panels=0)), tmp_path
+    )
     assert list(first.tables[0].frame["Verdict"]) == ["holds", "FAILS"]
     assert list(first.tables[0].frame["Hold"]) == ["2", "1"]
     assert theory.provenance(stored(made())) == [("certificates", "4a7f400, seed 7")]
@@ -97,7 +108,11 @@ def test_curves_are_drawn_as_they_say(tmp_path):
     assert len(figure.axes) == 3
     axes = figure.axes[0]
     line, points, dashed = axes.lines
-    assert (line.get_linestyle(), points.get_linestyle(), dashed.get_linestyle()) == ("-", "None", "--")
+    assert (line.get_linestyle(), points.get_linestyle(), dashed.get_linestyle()) == (
+        "-",
+        "None",
+        "--",
+    )
     assert len(axes.collections) == 2  # a band and bars
     assert (axes.get_xscale(), axes.get_yscale(), axes.get_xlabel()) == ("log", "log", "x (m)")
     assert [text.get_text() for text in axes.get_legend().get_texts()] == ["line", "points"]
@@ -116,13 +131,18 @@ def test_what_should_be_known_before_trusting_them():
     good, bad = made(), made("feynman_kac", value=1.0)
     assert theory.warnings(stored(good)) == []
     assert theory.warnings(stored(good, bad)) == ["Statement of feynman_kac does not hold."]
-    changed = [Stored(good, 1.0, SOURCE | {"dirty": True}), Stored(good, 1.0, SOURCE | {"commit": "0000000"})]
+    changed = [
+        Stored(good, 1.0, SOURCE | {"dirty": True}),
+        Stored(good, 1.0, SOURCE | {"commit": "0000000"}),
+    ]
     assert [line.split()[0] for line in theory.warnings(changed)] == ["Some", "The"]
 
 
 def test_a_curve_with_a_hole_is_drawn_after_it_was_stored(tmp_path):
     hole = [0.5, float("nan"), 1.0]
-    panel = Panel("t", "x", "y", [Line("band", [1, 2, 3], hole, "line", hole, [2, 2, float("inf")])])
+    panel = Panel(
+        "t", "x", "y", [Line("band", [1, 2, 3], hole, "line", hole, [2, 2, float("inf")])]
+    )
     store(tmp_path, Stored(made()._replace(panels=[panel]), 1.0, SOURCE))
     (found,) = load(tmp_path)
     assert np.isnan(found.certificate.panels[0].lines[0].y[1])

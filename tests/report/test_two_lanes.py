@@ -21,7 +21,10 @@ STARTS = [[0.5, 1.6], [0.5, -1.6]]
 def found(method: str, hits: int, arrived: int, **swept) -> Found:
     """Twenty trials of a method, of which the last ones arrive, and one that went wrong."""
     theta = swept.pop("theta", float("nan"))
-    rows = [one | {"final_distance": 0.9 if one["trial"] >= 20 - arrived else 1.1} for one in trials(20, hits)]
+    rows = [
+        one | {"final_distance": 0.9 if one["trial"] >= 20 - arrived else 1.1}
+        for one in trials(20, hits)
+    ]
     return held(setting(method, theta=theta, **swept), [*rows, lost(20)])
 
 
@@ -42,18 +45,30 @@ def study() -> list[Found]:
 
 
 def test_arrivals_are_counted_among_the_trials_that_went_well():
-    assert [arrivals(one) for one in study()] == [proportion_interval(k, 20) for k in (18, 7, 9, 0, 15, 12)]
+    assert [arrivals(one) for one in study()] == [
+        proportion_interval(k, 20) for k in (18, 7, 9, 0, 15, 12)
+    ]
 
 
 def test_the_section_says_who_collides_and_who_arrives(tmp_path):
     (section,) = sections({"two_lanes": study()}, tmp_path)
     assert section.title == "Beyond the paper: a belief with two modes"
     frame = section.tables[0].frame
-    assert [text.split()[0] for text in frame["arrived % [95 %]"]] == ["90.0", "35.0", "45.0", "0.0", "75.0", "60.0"]
+    assert [text.split()[0] for text in frame["arrived % [95 %]"]] == [
+        "90.0",
+        "35.0",
+        "45.0",
+        "0.0",
+        "75.0",
+        "60.0",
+    ]
     assert list(frame["planned from"]) == ["-", "-", "-", "moments", "-", "-"]
     assert "MPPI-Belief (theta 1, filter mixture), from moments, collides in 0.0" in section.text[1]
     assert "MPPI-Belief (theta 1, filter ekf" in section.text[1]
-    assert "PIPF collides in 15.0 [3.2, 37.9] % of the trials and arrives in 60.0 [36.1, 80.9] %." in section.text[1]
+    assert (
+        "PIPF collides in 15.0 [3.2, 37.9] % of the trials and arrives in 60.0 [36.1, 80.9] %."
+        in section.text[1]
+    )
     assert section.pictures == []  # there are no paths
 
 
@@ -68,5 +83,9 @@ def test_the_picture_has_both_filters_of_each_planner_and_every_start(tmp_path):
     assert isinstance(figure, Figure)
     FigureCanvasAgg(figure).draw()
     for axes in figure.axes[:3]:
-        drawn = [list(zip(*line.get_data(), strict=True)) for line in axes.lines if line.get_marker() == "o"]
+        drawn = [
+            list(zip(*line.get_data(), strict=True))
+            for line in axes.lines
+            if line.get_marker() == "o"
+        ]
         np.testing.assert_allclose(drawn, [STARTS])

@@ -111,7 +111,10 @@ def test_a_certificate_holds_if_all_its_checks_do():
     assert not Certificate("n", "s", "t", []).holds
 
 
-@given(st.lists(st.tuples(FINITE | st.just(math.nan), FINITE), min_size=1, max_size=3), st.lists(FINITE, max_size=4))
+@given(
+    st.lists(st.tuples(FINITE | st.just(math.nan), FINITE), min_size=1, max_size=3),
+    st.lists(FINITE, max_size=4),
+)
 def test_a_certificate_survives_json(numbers, curve):
     checks = [at_most("≤", value, bound, "d") for value, bound in numbers]
     checks += [at_least("≥", value, bound, "d") for value, bound in numbers]
@@ -123,4 +126,9 @@ def test_a_certificate_survives_json(numbers, curve):
     assert back.holds == made.holds
     assert list(back.panels[0].lines[0].y) == list(curve)
     assert back.panels[0].lines[0].high is None
-    assert (back.name, back.statement, back.text, back.panels[0].log) == ("name", "Theorem 0", "text", "x")
+    assert (back.name, back.statement, back.text, back.panels[0].log) == (
+        "name",
+        "Theorem 0",
+        "text",
+        "x",
+    )

@@ -49,15 +49,25 @@ def test_text_booleans_and_nothing_come_back(tmp_path):
 
 
 def test_swept_settings_are_columns_of_their_own(tmp_path):
-    swept = {"controller.horizon": 7, "cost.bump_width": 0.1, "cost.goal": "[1, 2]", "system": "light_dark"}
+    swept = {
+        "controller.horizon": 7,
+        "cost.bump_width": 0.1,
+        "cost.goal": "[1, 2]",
+        "system": "light_dark",
+    }
     path = written(tmp_path, row(0, **swept), row(1, **swept))
-    assert {key: pq.read_table(path)[key].to_pylist() for key in swept} == {key: [swept[key]] * 2 for key in swept}
+    assert {key: pq.read_table(path)[key].to_pylist() for key in swept} == {
+        key: [swept[key]] * 2 for key in swept
+    }
     written(tmp_path, row(2, **{"planner.horizon": 7}))
     assert results.read_rows(tmp_path)["trial"].tolist() == [0, 1, 2]
 
 
 def test_a_file_says_where_it_comes_from(tmp_path):
-    said = {"config": {"seed": 3, "names": {"system": "s"}}, **provenance(["mppi-belief", "run", "theta=1"])}
+    said = {
+        "config": {"seed": 3, "names": {"system": "s"}},
+        **provenance(["mppi-belief", "run", "theta=1"]),
+    }
     results.write_rows(tmp_path, [row(0)], said)
     (path,) = tmp_path.iterdir()
     about, table = results.read_table(path)
@@ -73,9 +83,18 @@ def test_a_file_says_where_it_comes_from(tmp_path):
 
 def test_trajectories_come_back_in_order_and_once(tmp_path):
     def steps(trial: int) -> list[dict]:
-        arrays = {"state": [trial, 0.5], "mean": [1 / 3, 0], "cov": [1, 2, 3, 4], "control": [math.nan]}
+        arrays = {
+            "state": [trial, 0.5],
+            "mean": [1 / 3, 0],
+            "cov": [1, 2, 3, 4],
+            "control": [math.nan],
+        }
         return [
-            {"trial": trial, "step": k, **{key: np.array(value) * (k + 1) for key, value in arrays.items()}}
+            {
+                "trial": trial,
+                "step": k,
+                **{key: np.array(value) * (k + 1) for key, value in arrays.items()},
+            }
             for k in range(3)
         ]
 
@@ -83,9 +102,13 @@ def test_trajectories_come_back_in_order_and_once(tmp_path):
     results.write_paths(tmp_path, steps(0))
     results.write_paths(tmp_path, steps(0) + steps(1))
     found = results.read_paths(tmp_path)
-    assert list(zip(found["trial"], found["step"], strict=True)) == [(t, k) for t in (0, 1, 4) for k in range(3)]
+    assert list(zip(found["trial"], found["step"], strict=True)) == [
+        (t, k) for t in (0, 1, 4) for k in range(3)
+    ]
     for expected, (_, got) in zip([*steps(0), *steps(1), *steps(4)], found.iterrows(), strict=True):
-        assert all(bits(got[key]) == bits(expected[key]) for key in ("state", "mean", "cov", "control"))
+        assert all(
+            bits(got[key]) == bits(expected[key]) for key in ("state", "mean", "cov", "control")
+        )
 
 
 def test_small_files_come_back_and_a_missing_or_broken_one_is_none(tmp_path):
@@ -150,7 +173,9 @@ def test_what_is_no_results_file_is_named_and_left_out(tmp_path):
     (tmp_path / "part-empty.parquet").touch()
     (tmp_path / "part-torn.parquet").write_bytes(whole.read_bytes()[:-20])
     (tmp_path / "part-noise.parquet").write_bytes(b"PAR1" + bytes(range(256)) + b"PAR1")
-    pq.write_table(pa.table({"trial": [7], "note": ["not ours"]}), tmp_path / "part-foreign.parquet")
+    pq.write_table(
+        pa.table({"trial": [7], "note": ["not ours"]}), tmp_path / "part-foreign.parquet"
+    )
     warnings: list[str] = []
     assert results.read_rows(tmp_path, warnings.append)["trial"].tolist() == [0, 1]
     for name in ("empty", "torn", "noise", "foreign"):
@@ -163,7 +188,10 @@ def test_what_is_no_results_file_is_named_and_left_out(tmp_path):
 @pytest.mark.parametrize("part", range(1, 10))
 def test_a_damaged_byte_changes_nothing_or_is_noticed(part, tmp_path):
     whole = written(tmp_path, *(row(trial) for trial in range(50)))
-    before, content = results.result_hash(results.read_rows(tmp_path)), bytearray(whole.read_bytes())
+    before, content = (
+        results.result_hash(results.read_rows(tmp_path)),
+        bytearray(whole.read_bytes()),
+    )
     content[len(content) * part // 10] ^= 1
     whole.write_bytes(content)
     warnings: list[str] = []
@@ -191,14 +219,23 @@ def test_a_file_of_another_cell_or_of_a_newer_format_is_named_and_left_out(tmp_p
     written(newer, row(0))
     monkeypatch.undo()
     warnings: list[str] = []
-    assert [len(results.read_rows(folder, warnings.append)) for folder in (mine, other, newer)] == [2, 0, 0]
-    assert [word in line for word, line in zip(("mine", "newer"), warnings, strict=True)] == [True, True]
+    assert [len(results.read_rows(folder, warnings.append)) for folder in (mine, other, newer)] == [
+        2,
+        0,
+        0,
+    ]
+    assert [word in line for word, line in zip(("mine", "newer"), warnings, strict=True)] == [
+        True,
+        True,
+    ]
 
 
 def test_files_of_the_first_format_are_still_read(tmp_path):
     path = written(tmp_path, row(0), row(1), row(4))
     about = {"format": 1, "commit": "a", "config": {"seed": 3}}
-    pq.write_table(pq.read_table(path).replace_schema_metadata({b"mppi-belief": json.dumps(about)}), path)
+    pq.write_table(
+        pq.read_table(path).replace_schema_metadata({b"mppi-belief": json.dumps(about)}), path
+    )
     assert results.read_rows(tmp_path)["trial"].tolist() == [0, 1, 4]
     expected = {"trials": [[0, 1], [4, 4]], **about}
     assert results.sources_of(results.read_parts(tmp_path), [1]) == [expected]
@@ -237,20 +274,30 @@ def test_old_and_new_files_become_one(tmp_path):
 
 def test_paths_that_are_torn_or_not_ours_are_named_and_left_out(tmp_path):
     steps = [
-        {"trial": 2, "step": k, **{name: np.full(2, float(k)) for name in ("state", "mean", "cov", "control")}}
+        {
+            "trial": 2,
+            "step": k,
+            **{name: np.full(2, float(k)) for name in ("state", "mean", "cov", "control")},
+        }
         for k in range(3)
     ]
     results.write_paths(tmp_path, steps)
     (whole,) = tmp_path.glob("paths-*")
     (tmp_path / "paths-torn.parquet").write_bytes(whole.read_bytes()[:-20])
     (tmp_path / "paths-empty.parquet").touch()
-    pq.write_table(pa.table({"trial": [7], "step": [0], "state": [[1.0]]}), tmp_path / "paths-foreign.parquet")
+    pq.write_table(
+        pa.table({"trial": [7], "step": [0], "state": [[1.0]]}), tmp_path / "paths-foreign.parquet"
+    )
     written(tmp_path, row(0))  # a table of another kind
     warnings: list[str] = []
     found = results.read_paths(tmp_path, warnings.append)
     assert list(zip(found["trial"], found["step"], strict=True)) == [(2, 0), (2, 1), (2, 2)]
     assert [*found.columns] == ["trial", "step", "state", "mean", "cov", "control"]
-    assert [name for name in ("empty", "foreign", "torn") if any(f"paths-{name}.parquet" in w for w in warnings)] == [
+    assert [
+        name
+        for name in ("empty", "foreign", "torn")
+        if any(f"paths-{name}.parquet" in w for w in warnings)
+    ] == [
         "empty",
         "foreign",
         "torn",
@@ -277,7 +324,8 @@ def test_sources_are_those_of_the_files_that_can_be_read_and_hold_these_trials(t
     listed = pa.schema([("trial", pa.int64())], metadata={b"mppi-belief": b"[]"})
     pq.write_table(pa.table({"trial": [7]}, schema=listed), tmp_path / "part-listed.parquet")
     first, second = (
-        {"trials": [[trial, trial]], "commit": commit, "elapsed": 1.5} for trial, commit in ((0, "a"), (5, "b"))
+        {"trials": [[trial, trial]], "commit": commit, "elapsed": 1.5}
+        for trial, commit in ((0, "a"), (5, "b"))
     )
     assert results.sources_of(results.read_parts(tmp_path), range(9)) == [first, second]
     assert results.sources_of(results.read_parts(tmp_path), range(5)) == [first]

@@ -139,7 +139,11 @@ def test_waiting_is_said_once(monkeypatch):
     [
         (CancelledError("scheduler-connection-lost"), WorkersGone, "scheduler is gone"),
         (OSError("Timed out"), WorkersGone, "scheduler is gone"),
-        (ModuleNotFoundError("No module named 'mppi_belief'"), ConfigError, "No module named 'mppi_belief'"),
+        (
+            ModuleNotFoundError("No module named 'mppi_belief'"),
+            ConfigError,
+            "No module named 'mppi_belief'",
+        ),
         (("tcp://w", None, ConfigError("two threads")), ConfigError, "two threads"),
         (("tcp://w", None, Overtime("not done")), Overtime, "not done"),
     ],
@@ -169,7 +173,9 @@ def test_the_worker_of_a_trial_that_hangs_is_ended():
     with pytest.raises(Overtime):
         workers.collect(future)
     workers.discard(future)
-    assert client.ran == [(cluster._exit, {"workers": ["tcp://worker-1"], "wait": False, "on_error": "ignore"})]
+    assert client.ran == [
+        (cluster._exit, {"workers": ["tcp://worker-1"], "wait": False, "on_error": "ignore"})
+    ]
 
 
 def test_only_what_has_not_begun_is_taken_back():
@@ -235,13 +241,17 @@ def unpicklable() -> None:
     raise Unpicklable("two", "words")
 
 
-def there(monkeypatch, function: Any = int, setup: Setup = NOTHING, threads: int = 1, **versions: str) -> Any:
+def there(
+    monkeypatch, function: Any = int, setup: Setup = NOTHING, threads: int = 1, **versions: str
+) -> Any:
     """What a worker answers that was just started."""
     worker = SimpleNamespace(address="tcp://w:1", state=SimpleNamespace(nthreads=threads))
     monkeypatch.setattr(distributed, "get_worker", lambda: worker)
     monkeypatch.setattr(cluster, "_entered", [])
     python = sys.version_info[0], int(versions.pop("minor", sys.version_info[1]))
-    given = pickle.dumps((setup, {name: cluster.version(name) for name in cluster.SAME} | versions, python))
+    given = pickle.dumps(
+        (setup, {name: cluster.version(name) for name in cluster.SAME} | versions, python)
+    )
     return run_there(given, pickle.dumps((function, ())))
 
 
@@ -277,7 +287,9 @@ def test_real_workers_one_of_which_is_killed_give_the_same_results(tmp_path):
         cell = Cell(config(dies_once=13, flag=str(flag)))
         workers = executors.workers({"kind": kind}, 2, Setup([TESTS], {}), {})
         assert isinstance(workers, Lanes if kind == "local" else Cluster)
-        outcome = run_study([cell], Order(40, seconds=60.0), tmp_path / kind, task, workers, ["test"])
+        outcome = run_study(
+            [cell], Order(40, seconds=60.0), tmp_path / kind, task, workers, ["test"]
+        )
         assert outcome.ran == {cell.id: 40}
         hashes[kind] = results.result_hash(results.read_rows(tmp_path / kind / cell.id))
     assert flag.exists()

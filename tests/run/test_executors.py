@@ -49,7 +49,10 @@ def test_bad_settings_are_one_line_and_leave_no_trace(line, tmp_path, capsys):
 
 
 def test_every_option_of_the_group_is_read_and_says_all_its_settings():
-    made = {name: read(collect(f"executor={name}")[0]["executor"]) for name in ("local", "dask", "slurm")}
+    made = {
+        name: read(collect(f"executor={name}")[0]["executor"])
+        for name in ("local", "dask", "slurm")
+    }
     assert made == {"local": Local(), "dask": Dask(), "slurm": Slurm()}
     for name, settings in made.items():
         (config,) = collect(f"executor={name}")
@@ -57,15 +60,27 @@ def test_every_option_of_the_group_is_read_and_says_all_its_settings():
 
 
 def test_settings_reach_the_executor():
-    args = ["executor=slurm", "executor.partition=long", "executor.memory=1.5GB", "executor.directives=[-x,-y]"]
+    args = [
+        "executor=slurm",
+        "executor.partition=long",
+        "executor.memory=1.5GB",
+        "executor.directives=[-x,-y]",
+    ]
     settings = read(collect(*args, "executor.walltime=2-00:00:00")[0]["executor"])
-    assert settings == Slurm(partition="long", memory="1.5GB", directives=["-x", "-y"], walltime="2-00:00:00")
+    assert settings == Slurm(
+        partition="long", memory="1.5GB", directives=["-x", "-y"], walltime="2-00:00:00"
+    )
 
 
 def test_who_works_is_no_part_of_a_cells_identity():
-    cells = [Cell(collect(*args)[0]) for args in ([], ["executor=slurm"], ["shard=2/5"], ["trial_timeout=3"])]
+    cells = [
+        Cell(collect(*args)[0])
+        for args in ([], ["executor=slurm"], ["shard=2/5"], ["trial_timeout=3"])
+    ]
     assert len({cell.id for cell in cells}) == 1
-    (config,) = collect("executor=dask", "executor.address=tcp://h:1", "shard=2/5", "trial_timeout=3")
+    (config,) = collect(
+        "executor=dask", "executor.address=tcp://h:1", "shard=2/5", "trial_timeout=3"
+    )
     assert config["swept"] == {}
 
 
@@ -91,7 +106,8 @@ def test_nothing_is_started_before_it_is_needed(monkeypatch):
 @pytest.mark.parametrize("kind", ["dask", "slurm"])
 def test_a_missing_extra_is_named(kind, monkeypatch):
     monkeypatch.setattr(
-        "importlib.util.find_spec", lambda name: None if "da" in name or "dist" in name else find_spec(name)
+        "importlib.util.find_spec",
+        lambda name: None if "da" in name or "dist" in name else find_spec(name),
     )
     with pytest.raises(ConfigError, match=r"mppi-belief\[cluster\]"):
         workers({"kind": kind}, 1, Setup([], {}), {})

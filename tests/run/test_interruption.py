@@ -15,7 +15,13 @@ from study_helpers import members, poll
 
 N_TRIALS = 800
 # trials of some 10 ms each, so that an interruption comes in between
-STUDY = ["run", "system=scalar_linear", "planner.n_samples=16", "planner.horizon=4", "problem.steps=600"]
+STUDY = [
+    "run",
+    "system=scalar_linear",
+    "planner.n_samples=16",
+    "planner.horizon=4",
+    "problem.steps=600",
+]
 STUDY += [f"n_trials={N_TRIALS}"]
 
 
@@ -49,7 +55,9 @@ def interrupt(folder: Path, how: Callable[[int], None]) -> Interrupted:
             poll(lambda: not members(process.pid), 10)
         finally:
             left = members(process.pid)
-    return Interrupted(code, (folder / "stderr.txt").read_text(), rows(folder)["trial"].tolist(), left)
+    return Interrupted(
+        code, (folder / "stderr.txt").read_text(), rows(folder)["trial"].tolist(), left
+    )
 
 
 class Story(NamedTuple):
@@ -65,7 +73,9 @@ class Story(NamedTuple):
 @pytest.fixture(scope="module")
 def story(tmp_path_factory) -> Story:
     folder = tmp_path_factory.mktemp("interrupted")
-    ctrl_c = interrupt(folder, lambda pid: os.killpg(pid, signal.SIGINT))  # as a terminal does: to all of them
+    ctrl_c = interrupt(
+        folder, lambda pid: os.killpg(pid, signal.SIGINT)
+    )  # as a terminal does: to all of them
     terminated = interrupt(folder, lambda pid: os.kill(pid, signal.SIGTERM))
     killed = interrupt(folder, lambda pid: os.kill(pid, signal.SIGKILL))
     return Story(folder, ctrl_c, terminated, killed, command(folder, *STUDY))
@@ -109,7 +119,9 @@ def test_the_same_command_completes_it(story):
 
 def test_results_are_the_same_bits_with_one_or_two_workers_in_one_or_many_runs(story, undisturbed):
     assert results.result_hash(rows(story.folder)) == results.result_hash(rows(undisturbed))
-    names = [next((folder / "outputs" / "results").iterdir()) for folder in (story.folder, undisturbed)]
+    names = [
+        next((folder / "outputs" / "results").iterdir()) for folder in (story.folder, undisturbed)
+    ]
     assert names[0].name == names[1].name
     one, other = (results.read_paths(cell) for cell in names)
     assert len(one) == 50 * 601
@@ -119,7 +131,9 @@ def test_results_are_the_same_bits_with_one_or_two_workers_in_one_or_many_runs(s
 
 def test_files_say_how_they_were_made(undisturbed):
     (cell,) = (undisturbed / "outputs" / "results").iterdir()
-    commands = [results.read_table(path)[0]["sources"][0]["command"] for path in cell.glob("part-*")]
+    commands = [
+        results.read_table(path)[0]["sources"][0]["command"] for path in cell.glob("part-*")
+    ]
     assert commands == [["mppi-belief", *STUDY, "workers=1"]] * len(commands)
     config = results.read_table(next(cell.glob("part-*")))[0]["sources"][0]["config"]
     assert (config["names"]["system"], config["problem"]["steps"]) == ("scalar_linear", 600)

@@ -101,7 +101,11 @@ def test_what_changes_a_trial_changes_the_cell(change, default_ids):
 
 
 def test_a_batch_that_is_not_given_is_the_cell_of_its_size():
-    assert cell_id("platform=gpu", "batch=null") == cell_id("platform=gpu", "batch=200") != cell_id("batch=200")
+    assert (
+        cell_id("platform=gpu", "batch=null")
+        == cell_id("platform=gpu", "batch=200")
+        != cell_id("batch=200")
+    )
 
 
 def test_theta_means_nothing_to_the_certainty_equivalent_controller(default_ids):
@@ -128,12 +132,17 @@ def test_every_cell_of_a_sweep_has_its_own_id():
     workers=st.integers(1, 300),
     batch=st.integers(1, 300),
 )
-def test_chunks_are_exactly_the_missing_trials_once_each_in_order(n_trials, done, everything_below, workers, batch):
+def test_chunks_are_exactly_the_missing_trials_once_each_in_order(
+    n_trials, done, everything_below, workers, batch
+):
     done = done | set(range(everything_below))
     made = list(chunks(Cell(config(batch=batch)), n_trials, done, workers))
     assert trials_of(made) == [trial for trial in range(n_trials) if trial not in done]
     assert all(chunk.trials for chunk in made)
-    assert all(one.trials[-1] // batch < other.trials[0] // batch for one, other in itertools.pairwise(made))
+    assert all(
+        one.trials[-1] // batch < other.trials[0] // batch
+        for one, other in itertools.pairwise(made)
+    )
 
 
 @given(n_trials=st.integers(1, 5000), workers=st.integers(1, 64))
@@ -150,7 +159,15 @@ def test_two_hundred_trials_go_out_in_chunks_of_ten():
 
 @pytest.mark.parametrize(
     ("batch", "workers", "sizes"),
-    [(200, 1, [200]), (64, 2, [64, 64, 64, 8]), (8, 2, [16] * 12 + [8]), (8, 25, [8] * 25), (1000, 3, [200])],
+    [
+        (200, 1, [200]),
+        (64, 2, [64, 64, 64, 8]),
+        (8, 2, [16] * 12 + [8]),
+        (8, 25, [8] * 25),
+        (1000, 3, [200]),
+    ],
 )
 def test_chunks_are_whole_batches(batch, workers, sizes):
-    assert [len(chunk.trials) for chunk in chunks(Cell(config(batch=batch)), 200, (), workers)] == sizes
+    assert [
+        len(chunk.trials) for chunk in chunks(Cell(config(batch=batch)), 200, (), workers)
+    ] == sizes

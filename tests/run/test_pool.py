@@ -17,7 +17,16 @@ from mppi_belief.run.local import Lanes, WorkerDied, WorkersGone
 from mppi_belief.run.plan import Chunk
 from mppi_belief.run.pool import Pool
 from mppi_belief.run.worker import Lost, Overtime, Setup
-from study_helpers import TESTS, answer, config, ended, leave_marks, limited, path_and_environment, poll
+from study_helpers import (
+    TESTS,
+    answer,
+    config,
+    ended,
+    leave_marks,
+    limited,
+    path_and_environment,
+    poll,
+)
 
 
 @pytest.fixture(autouse=True)
@@ -27,7 +36,10 @@ def in_time() -> Iterator[None]:
 
 
 def split(cell: Cell, n_trials: int, size: int) -> list[Chunk]:
-    return [Chunk(cell, tuple(range(first, min(first + size, n_trials)))) for first in range(0, n_trials, size)]
+    return [
+        Chunk(cell, tuple(range(first, min(first + size, n_trials))))
+        for first in range(0, n_trials, size)
+    ]
 
 
 def local_pool(work: Any, workers: int, log: Any = print, *paths: str, **how: Any) -> Pool:
@@ -43,15 +55,23 @@ class Ran:
         pool = local_pool(work, workers, self.log.append)
         self.yielded = list(pool.run(chunks))
         pool.close()
-        self.answers = [pair for done in self.yielded if isinstance(done.outcome, list) for pair in done.outcome]
-        self.lost = [(done.trials, done.outcome) for done in self.yielded if isinstance(done.outcome, Lost)]
+        self.answers = [
+            pair for done in self.yielded if isinstance(done.outcome, list) for pair in done.outcome
+        ]
+        self.lost = [
+            (done.trials, done.outcome) for done in self.yielded if isinstance(done.outcome, Lost)
+        ]
 
 
 def test_all_chunks_run_once():
     chunks = split(Cell(config(seed=1)), 10, 4) + split(Cell(config(seed=2)), 5, 1)
     ran = Ran(chunks)
-    assert sorted(ran.answers) == [(1, trial) for trial in range(10)] + [(2, trial) for trial in range(5)]
-    assert sorted(done.trials for done in ran.yielded) == sorted((trial,) for chunk in chunks for trial in chunk.trials)
+    assert sorted(ran.answers) == [(1, trial) for trial in range(10)] + [
+        (2, trial) for trial in range(5)
+    ]
+    assert sorted(done.trials for done in ran.yielded) == sorted(
+        (trial,) for chunk in chunks for trial in chunk.trials
+    )
     assert (ran.lost, ran.log) == ([], [])
 
 
@@ -72,7 +92,9 @@ def test_an_exception_loses_its_batch_and_no_other():
     for batch, lost in ((1, (5,)), (2, (4, 5))):
         ran = Ran(split(Cell(config(batch=batch, raises=5)), 9, 6))
         assert ran.lost == [(lost, Lost("error", "ValueError: trial 5 is cursed"))]
-        assert sorted(trial for _, trial in ran.answers) == [trial for trial in range(9) if trial not in lost]
+        assert sorted(trial for _, trial in ran.answers) == [
+            trial for trial in range(9) if trial not in lost
+        ]
 
 
 @pytest.mark.parametrize(("fate", "workers"), [("exits", 2), ("is_killed", 1)])
@@ -145,7 +167,11 @@ def test_a_worker_that_cannot_even_look_at_the_clock_is_ended(monkeypatch):
     pool.close()
     assert done.pop(1) == Lost("timeout", "not done after 1 s")
     assert done == {trial: [(0, trial)] for trial in (0, 2)}
-    assert ["ended a worker that hangs" in log[0], "it hangs; given up" in log[1], len(log)] == [True, True, 2]
+    assert ["ended a worker that hangs" in log[0], "it hangs; given up" in log[1], len(log)] == [
+        True,
+        True,
+        2,
+    ]
 
 
 def test_a_call_that_hangs_is_given_up(tmp_path):
@@ -213,7 +239,9 @@ def test_call_returns_a_result_or_says_that_its_worker_died():
 
 
 def test_workers_are_given_import_paths_and_end_with_the_pool(tmp_path, monkeypatch):
-    (tmp_path / "users_module.py").write_text("def double(config, trials): return [2 * trial for trial in trials]\n")
+    (tmp_path / "users_module.py").write_text(
+        "def double(config, trials): return [2 * trial for trial in trials]\n"
+    )
     spec = importlib.util.spec_from_file_location("users_module", tmp_path / "users_module.py")
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
@@ -238,7 +266,9 @@ def test_variables_are_the_workers_alone(monkeypatch):
 
 def test_workers_die_with_a_parent_that_is_killed(tmp_path):
     script = f"import sys; sys.path.insert(0, {TESTS!r}); from study_helpers import *; hanging_pool({str(tmp_path)!r})"
-    parent = subprocess.Popen([sys.executable, "-c", script], cwd=Path.cwd(), stderr=subprocess.DEVNULL)
+    parent = subprocess.Popen(
+        [sys.executable, "-c", script], cwd=Path.cwd(), stderr=subprocess.DEVNULL
+    )
     try:
         poll(lambda: len(list(tmp_path.glob("worker-*"))) == 2)
         workers = [int(path.name.partition("-")[2]) for path in tmp_path.glob("worker-*")]

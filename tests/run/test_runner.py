@@ -24,7 +24,17 @@ from mppi_belief.run.signals import StoppedAtOnce, polite_stop
 from mppi_belief.run.task import Order, Outcome, Task
 from mppi_belief.run.worker import Setup
 from mppi_belief.run.writer import Ledger
-from study_helpers import TESTS, answer, config, device, failed_row, limited, record, run_trials, time_steps
+from study_helpers import (
+    TESTS,
+    answer,
+    config,
+    device,
+    failed_row,
+    limited,
+    record,
+    run_trials,
+    time_steps,
+)
 
 
 @pytest.fixture(autouse=True)
@@ -48,7 +58,12 @@ class Study:
         task = Task(self.check, run_trials, time_steps, failed_row, record, self.device)
         setup = Setup([TESTS], self.variables or {})
         return run_study(
-            cells, Order(n_trials, **order), self.root, task, Lanes(workers, setup), ["mppi-belief", "run"]
+            cells,
+            Order(n_trials, **order),
+            self.root,
+            task,
+            Lanes(workers, setup),
+            ["mppi-belief", "run"],
         )
 
     def rows(self, cell: Cell) -> Any:
@@ -67,7 +82,9 @@ def test_a_study_runs_once_and_a_larger_one_only_adds(study, tmp_path):
     assert outcome == Outcome({first.id: 12, second.id: 12}, {first.id: 0, second.id: 0}, None)
     before = {path: path.stat().st_mtime_ns for path in study.root.rglob("*.parquet")}
 
-    assert study.run(first, second) == Outcome({first.id: 0, second.id: 0}, {first.id: 12, second.id: 12}, None)
+    assert study.run(first, second) == Outcome(
+        {first.id: 0, second.id: 0}, {first.id: 12, second.id: 12}, None
+    )
     assert study.run(first, n_trials=5) == Outcome({first.id: 0}, {first.id: 5}, None)
     assert study.run(second, n_trials=15) == Outcome({second.id: 3}, {second.id: 12}, None)
     assert study.checked == [1, 2, 2]
@@ -95,7 +112,9 @@ def test_two_workers_write_what_one_does(tmp_path):
         ("exits", "crashed", "the worker process died 2 times in this trial", {4}),
     ],
 )
-def test_trials_without_result_are_written_down_and_counted_as_done(fate, status, error, trials, study):
+def test_trials_without_result_are_written_down_and_counted_as_done(
+    fate, status, error, trials, study
+):
     cell = Cell(config(**{fate: 4}))
     assert study.run(cell).ran == {cell.id: 12}
     rows = study.rows(cell)
@@ -112,7 +131,10 @@ def test_all_cells_with_missing_trials_are_checked_before_any_runs(tmp_path):
         if config["seed"] == 3:
             raise ValueError("seed 3 will not do")
 
-    study, cells = Study(tmp_path / "results", refuse), [Cell(config(seed=seed)) for seed in (1, 2, 3)]
+    study, cells = (
+        Study(tmp_path / "results", refuse),
+        [Cell(config(seed=seed)) for seed in (1, 2, 3)],
+    )
     study.run(cells[0])
     with pytest.raises(ValueError, match="seed 3"):
         study.run(*cells)
@@ -142,7 +164,9 @@ def test_results_say_what_computed_them_here_or_in_the_workers_environment(study
     study.variables = {"DEVICE": "another"}
     study.run(there)
     told = [
-        results.read_table(next((study.root / cell.id).glob("part-*")))[0]["sources"][0]["device"].split()
+        results.read_table(next((study.root / cell.id).glob("part-*")))[0]["sources"][0][
+            "device"
+        ].split()
         for cell in (here, there)
     ]
     assert told[0] == ["none", str(os.getpid())]
@@ -152,9 +176,14 @@ def test_results_say_what_computed_them_here_or_in_the_workers_environment(study
 
 @pytest.mark.parametrize(
     ("fate", "error", "words"),
-    [("raises", ValueError, "trial -1 is cursed"), ("exits", ConfigError, "platform=cpu: the worker process died")],
+    [
+        ("raises", ValueError, "trial -1 is cursed"),
+        ("exits", ConfigError, "platform=cpu: the worker process died"),
+    ],
 )
-def test_without_its_device_nothing_is_run_or_written_and_no_worker_stays(fate, error, words, study):
+def test_without_its_device_nothing_is_run_or_written_and_no_worker_stays(
+    fate, error, words, study
+):
     study.variables = {"DEVICE": "another"}
     with pytest.raises(error, match=words):
         study.run(Cell(config(**{fate: -1})))
@@ -169,7 +198,9 @@ def test_where_all_is_done_no_device_is_asked_for(study):
     assert study.run(cell) == Outcome({cell.id: 0}, {cell.id: 12}, None)
 
 
-def test_a_disk_that_fills_up_ends_a_study_and_its_workers_and_keeps_what_was_written(study, monkeypatch):
+def test_a_disk_that_fills_up_ends_a_study_and_its_workers_and_keeps_what_was_written(
+    study, monkeypatch
+):
     cell, write, calls = Cell(config()), results.write_rows, []
 
     def write_rows(*args: Any) -> None:
@@ -215,21 +246,31 @@ def test_a_recording_is_made_once_and_only_where_a_cell_asks_for_one(study):
     path.write_text('{"trial": "mine"}')
     study.run(asking, silent, n_trials=15)
     assert path.read_text() == '{"trial": "mine"}'
-    study.run(Cell(config() | {"record": 0}))  # the same cell: what is recorded does not change its trials
-    assert sorted(path.name for path in study.root.rglob("recording-*")) == ["recording-0.json", "recording-3.json"]
+    study.run(
+        Cell(config() | {"record": 0})
+    )  # the same cell: what is recorded does not change its trials
+    assert sorted(path.name for path in study.root.rglob("recording-*")) == [
+        "recording-0.json",
+        "recording-3.json",
+    ]
     assert not list((study.root / silent.id).glob("recording-*"))
 
 
 def test_a_worker_that_dies_over_a_recording_leaves_none_and_the_rest_as_it_is(study):
     dying, living = (Cell(config(seed=seed, exits=99) | {"record": 99}) for seed in (0, 1))
-    fatal = Task(study.check, run_trials, time_steps, failed_row, partial(answer, trials=[99]), device)
+    fatal = Task(
+        study.check, run_trials, time_steps, failed_row, partial(answer, trials=[99]), device
+    )
     lanes = Lanes(1, Setup([TESTS], {}))
     outcome = run_study([dying], Order(12), study.root, fatal, lanes, ["mppi-belief", "run"])
     assert outcome == Outcome({dying.id: 12}, {dying.id: 0}, None)
     assert multiprocessing.active_children() == []
     assert study.rows(dying)["status"].tolist() == ["ok"] * 12
     assert files.read_json(study.root / dying.id, "timing") is not None
-    assert sorted(path.name for path in (study.root / dying.id).iterdir() if "recording" in path.name) == []
+    assert (
+        sorted(path.name for path in (study.root / dying.id).iterdir() if "recording" in path.name)
+        == []
+    )
     assert study.run(dying, living).ran == {dying.id: 0, living.id: 12}
     assert files.read_json(study.root / dying.id, "recording-99")["trial"] == 99
 
@@ -269,7 +310,9 @@ def test_one_signal_keeps_what_runs_and_the_rest_waits_for_the_next_run(study, m
     assert kept[:10] == list(range(10))
     assert len(kept) < 50
     assert files.read_json(study.root / cell.id, "timing") is None
-    assert study.run(cell, n_trials=50) == Outcome({cell.id: 50 - len(kept)}, {cell.id: len(kept)}, None)
+    assert study.run(cell, n_trials=50) == Outcome(
+        {cell.id: 50 - len(kept)}, {cell.id: len(kept)}, None
+    )
 
 
 @pytest.mark.parametrize("times", [2, 3])

@@ -22,7 +22,9 @@ def interpreter(monkeypatch):
 
 def test_a_command_is_watched_to_its_end(interpreter, tmp_path):
     seen = []
-    ended = processes.watched(["-c", "import time; time.sleep(0.2)"], tmp_path, seen.append, every=0.01)
+    ended = processes.watched(
+        ["-c", "import time; time.sleep(0.2)"], tmp_path, seen.append, every=0.01
+    )
     assert len(seen) > 1
     assert len(set(seen)) == 1
     assert ended.seconds >= 0.2
@@ -35,9 +37,13 @@ def test_a_command_gets_its_folder_and_its_environment(interpreter, tmp_path):
     assert (tmp_path / "new" / "said.txt").read_text() == "there"
 
 
-def test_a_command_that_fails_is_one_line_and_one_that_hangs_is_ended(interpreter, monkeypatch, tmp_path):
+def test_a_command_that_fails_is_one_line_and_one_that_hangs_is_ended(
+    interpreter, monkeypatch, tmp_path
+):
     with pytest.raises(CommandError, match=r"code 3: no luck$"):
-        processes.run(["-c", "import sys; print('no\\nno luck', file=sys.stderr); sys.exit(3)"], tmp_path)
+        processes.run(
+            ["-c", "import sys; print('no\\nno luck', file=sys.stderr); sys.exit(3)"], tmp_path
+        )
     monkeypatch.setattr(processes, "TIMEOUT", 0.3)
     seen = []
     with pytest.raises(CommandError, match=r"not done in 0\.3 s"):
@@ -80,7 +86,9 @@ print(now - held, processes.peak_mb(os.getpid()) - now, block[0])
 def test_memory_is_that_of_the_process():
     """Of a new one: in one that has run other tests an array may lie where something was."""
     benchmarks = str(Path(processes.__file__).parents[1])
-    done = subprocess.run([sys.executable, "-c", GROWING, benchmarks], capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", GROWING, benchmarks], capture_output=True, text=True, check=True
+    )
     grown, above, _ = map(float, done.stdout.split())
     assert grown == pytest.approx(50, abs=10)
     assert above >= -1

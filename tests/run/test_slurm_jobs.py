@@ -109,10 +109,22 @@ def test_jobs_that_had_a_worker_may_end_as_often_as_they_like(queue):
 @pytest.mark.parametrize(
     ("said", "raised", "line"),
     [
-        ("sbatch: error: Batch job submission failed: Invalid partition", ConfigError, "job: Batch job .* partition$"),
-        ("sbatch: unrecognized option\nTry help", ConfigError, "refuses the job: sbatch: unrecognized option$"),
+        (
+            "sbatch: error: Batch job submission failed: Invalid partition",
+            ConfigError,
+            "job: Batch job .* partition$",
+        ),
+        (
+            "sbatch: unrecognized option\nTry help",
+            ConfigError,
+            "refuses the job: sbatch: unrecognized option$",
+        ),
         ("", ConfigError, "does not say why"),
-        ("sbatch: error: Unable to contact slurm controller", WorkersGone, "Slurm does not answer: Unable"),
+        (
+            "sbatch: error: Unable to contact slurm controller",
+            WorkersGone,
+            "Slurm does not answer: Unable",
+        ),
     ],
 )
 def test_a_refusal_is_one_line(said, raised, line, queue):
@@ -123,7 +135,9 @@ def test_a_refusal_is_one_line(said, raised, line, queue):
 
 def test_a_refusal_of_some_jobs_leaves_the_others_at_work(queue):
     jobs = Jobs("", "mine", 3)
-    (queue / "sbatch").write_text(QUEUE.replace('echo "$n;', '[ "$n" -lt 2 ] || touch refuse; echo "$n;'))
+    (queue / "sbatch").write_text(
+        QUEUE.replace('echo "$n;', '[ "$n" -lt 2 ] || touch refuse; echo "$n;')
+    )
     jobs.tend([])
     assert calls(queue, "sbatch") == 3
     jobs.tend([1, 2])
@@ -139,14 +153,24 @@ def test_no_slurm_is_said(monkeypatch):
 
 
 def test_the_script_asks_for_what_was_set():
-    settings = Slurm(partition="long", memory="1.5GB", walltime="2-00:00:00", directives=["--nice", "--qos=low"])
+    settings = Slurm(
+        partition="long", memory="1.5GB", walltime="2-00:00:00", directives=["--nice", "--qos=low"]
+    )
     lines = script(settings, 2, "mine", "tcp://here:1").splitlines()
-    assert {"#SBATCH -p long", "#SBATCH -t 2-00:00:00", "#SBATCH --nice", "#SBATCH --qos=low"} <= {*lines}
-    assert {"#SBATCH --cpus-per-task=2", "#SBATCH --mem=3G", "#SBATCH --output=/dev/null", "#SBATCH -J mine"} <= {
+    assert {"#SBATCH -p long", "#SBATCH -t 2-00:00:00", "#SBATCH --nice", "#SBATCH --qos=low"} <= {
         *lines
     }
+    assert {
+        "#SBATCH --cpus-per-task=2",
+        "#SBATCH --mem=3G",
+        "#SBATCH --output=/dev/null",
+        "#SBATCH -J mine",
+    } <= {*lines}
     (worker,) = [line for line in lines if "dask_worker" in line]
-    assert "tcp://here:1 --name $SLURM_JOB_ID --nthreads 1 --memory-limit 1.40GiB --nworkers 2 --nanny" in worker
+    assert (
+        "tcp://here:1 --name $SLURM_JOB_ID --nthreads 1 --memory-limit 1.40GiB --nworkers 2 --nanny"
+        in worker
+    )
 
 
 def test_the_answer_to_a_signal_stays_ours(tmp_path):

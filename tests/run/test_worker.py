@@ -40,9 +40,12 @@ def test_what_takes_too_long_is_left_behind():
 
 
 @pytest.mark.parametrize(
-    ("batch", "stuck", "done", "left"), [(1, (2,), [(0,), (1,)], (3, 4)), (3, (0, 1, 2), [], (3, 4))]
+    ("batch", "stuck", "done", "left"),
+    [(1, (2,), [(0,), (1,)], (3, 4)), (3, (0, 1, 2), [], (3, 4))],
 )
-def test_a_trial_that_hangs_costs_its_batch_and_those_after_it_are_left_to_another(batch, stuck, done, left):
+def test_a_trial_that_hangs_costs_its_batch_and_those_after_it_are_left_to_another(
+    batch, stuck, done, left
+):
     report = run_chunk(sleeps_at, config(batch=batch, hangs=2), range(5), 0.2)
     assert report.done[:-1] == [(trials, list(trials)) for trials in done]
     assert report.done[-1] == (stuck, Lost("timeout", "not done after 0.2 s"))
@@ -52,7 +55,9 @@ def test_a_trial_that_hangs_costs_its_batch_and_those_after_it_are_left_to_anoth
 def test_an_exception_is_text_and_the_rest_is_run():
     report = run_chunk(answer, config(raises=1), range(3), 60.0)
     lost = Lost("error", "ValueError: trial 1 is cursed")
-    assert report == Report([((0,), [(0, 0)]), ((1,), lost), ((2,), [(0, 2)])], where(), report.seconds)
+    assert report == Report(
+        [((0,), [(0, 0)]), ((1,), lost), ((2,), [(0, 2)])], where(), report.seconds
+    )
     assert 0 < report.seconds < 60
 
 

@@ -46,14 +46,18 @@ def kept(tmp_path, clock) -> Ledger:
 
 
 def done(*trials: int, seed: int = 0, where: dict[str, str] = HERE) -> Done:
-    return Done(Cell(config(seed=seed)), trials, Batch([row(trial) for trial in trials], [], None), where)
+    return Done(
+        Cell(config(seed=seed)), trials, Batch([row(trial) for trial in trials], [], None), where
+    )
 
 
 def parts(root: Path) -> list[Path]:
     return sorted(root.glob("*/part-*"))
 
 
-def test_the_first_results_are_written_after_a_moment_and_later_ones_wait_longer(kept, clock, tmp_path):
+def test_the_first_results_are_written_after_a_moment_and_later_ones_wait_longer(
+    kept, clock, tmp_path
+):
     waited = []
     for trial in range(4000):
         clock.now += 0.125
@@ -96,7 +100,10 @@ def test_each_cell_has_its_file_and_each_place_its_source(kept, clock, tmp_path)
     first, second = (tmp_path / Cell(config(seed=seed)).id for seed in (0, 1))
     (path,) = first.glob("part-*")
     sources = json.loads(pq.read_schema(path).metadata[b"mppi-belief"])["sources"]
-    told = [(source["host"], source["trials"], source["commit"], source["elapsed"]) for source in sources]
+    told = [
+        (source["host"], source["trials"], source["commit"], source["elapsed"])
+        for source in sources
+    ]
     assert told == [("here", [[0, 2]], "a", 7.0), ("there", [[5, 5]], "a", 7.0)]
     assert results.read_rows(second)["trial"].tolist() == [3]
     assert sources[0]["config"] == config()
@@ -106,7 +113,13 @@ def test_lost_trials_have_their_row_and_the_first_scene_stays(kept, tmp_path):
     cell = Cell(config())
     kept.keep(Done(cell, (4,), Lost("timeout", "not done after 1 s"), {}))
     for trial, dt in ((0, 0.1), (1, 0.2)):
-        steps = [{"trial": trial, "step": 0, **dict.fromkeys(("state", "mean", "cov", "control"), np.zeros(2))}]
+        steps = [
+            {
+                "trial": trial,
+                "step": 0,
+                **dict.fromkeys(("state", "mean", "cov", "control"), np.zeros(2)),
+            }
+        ]
         kept.keep(Done(cell, (trial,), Batch([row(trial)], steps, {"dt": dt}), HERE))
     kept.write()
     rows = results.read_rows(tmp_path / cell.id)

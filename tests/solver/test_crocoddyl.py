@@ -66,7 +66,9 @@ def crocoddyl_optimum(start: np.ndarray) -> tuple[float, np.ndarray]:
         crocoddyl.ActionModelNumDiff(PendulumAction(weight, moves))
         for weight, moves in ((0 * QX, True), (DT * QX, True), (DT * QX + QT, False))
     )
-    solver = crocoddyl.SolverDDP(crocoddyl.ShootingProblem(start, [first] + [running] * (HORIZON - 1), last))
+    solver = crocoddyl.SolverDDP(
+        crocoddyl.ShootingProblem(start, [first] + [running] * (HORIZON - 1), last)
+    )
     solver.th_stop = 1e-14
     solver.solve([], [], 500)
     return solver.cost, np.array(list(solver.us))
@@ -78,7 +80,9 @@ def test_both_find_the_same_optimum(start):
     cost = mb.GoalObstacleCost([0, 0], QX, QT, [R], mb.Obstacles([], 0), 0, 1)
     problem = mb.Problem(Pendulum(), cost, start, [0, 0], DT, HORIZON)
     objective = ilqr.state_cost(problem, cost.base, HORIZON, "end")
-    found = ilqr.solve(problem, objective, ilqr.still(problem, HORIZON), jnp.asarray(start), SETTINGS)
+    found = ilqr.solve(
+        problem, objective, ilqr.still(problem, HORIZON), jnp.asarray(start), SETTINGS
+    )
     value, controls = crocoddyl_optimum(np.array(start))
     assert found.converged
     np.testing.assert_allclose(found.cost, value, rtol=1e-4)

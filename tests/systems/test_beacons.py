@@ -32,14 +32,21 @@ def slopes(system: mb.Beacons, x: np.ndarray) -> jax.Array:
 
 def states(rng: np.random.Generator, n: int = 8) -> np.ndarray:
     return np.column_stack(
-        [rng.uniform(-1, 6, n), rng.uniform(-1.5, 1.5, n), rng.uniform(-3, 3, n), rng.normal(size=n)]
+        [
+            rng.uniform(-1, 6, n),
+            rng.uniform(-1.5, 1.5, n),
+            rng.uniform(-3, 3, n),
+            rng.normal(size=n),
+        ]
     )
 
 
 def test_the_unicycle_moves_where_it_heads(rng):
     system = beacons()
     x = states(rng)
-    expected = np.column_stack([x[:, 3] * np.cos(x[:, 2]), x[:, 3] * np.sin(x[:, 2]), np.zeros((len(x), 2))])
+    expected = np.column_stack(
+        [x[:, 3] * np.cos(x[:, 2]), x[:, 3] * np.sin(x[:, 2]), np.zeros((len(x), 2))]
+    )
     np.testing.assert_allclose(quick_jit(jax.vmap(system.f))(x), expected, atol=1e-6)
     np.testing.assert_array_equal(system.G(jnp.zeros(4)), [[0, 0], [0, 0], [1, 0], [0, 1]])
     np.testing.assert_allclose(system.H, [[0, 0], [0, 0], [0.2, 0], [0, 0.4]], rtol=1e-6)
@@ -67,7 +74,9 @@ def test_curvature_scales_the_way_from_the_anchor(x64, rng, kappa):
 
 def test_value_and_slope_at_the_anchor_do_not_depend_on_curvature(x64):
     x = np.array([*ANCHOR, 0.4, 1.0])
-    value, slope = (np.asarray(part) for part in (measured(beacons(), x[None]), slopes(beacons(), x)))
+    value, slope = (
+        np.asarray(part) for part in (measured(beacons(), x[None]), slopes(beacons(), x))
+    )
     for kappa in (0.0, 0.5, 3.0):
         system = beacons(curvature=kappa)
         np.testing.assert_allclose(measured(system, x[None]), value, atol=1e-12)
@@ -99,20 +108,28 @@ def test_a_period_more_of_a_bearing_is_the_same_measurement(x64, rng, kappa):
     y, other = rng.normal(size=(2, 6))
     more = np.ravel(np.column_stack([np.zeros(3), [1, -2, 3]])) * 2 * np.pi / kappa
     expected = y - other
-    np.testing.assert_allclose(measurement_difference(system, y + more, other), expected, atol=1e-12)
+    np.testing.assert_allclose(
+        measurement_difference(system, y + more, other), expected, atol=1e-12
+    )
     straight = beacons(curvature=0.0)
     np.testing.assert_allclose(straight.difference(y + more, other), expected + more, atol=1e-12)
 
 
-@pytest.mark.parametrize("filter", [mb.EKF(), mb.UKF(), mb.ParticleFilter(50)], ids=["ekf", "ukf", "particle"])
+@pytest.mark.parametrize(
+    "filter", [mb.EKF(), mb.UKF(), mb.ParticleFilter(50)], ids=["ekf", "ukf", "particle"]
+)
 def test_every_filter_takes_a_bearing_for_what_it_is_modulo_a_turn(x64, filter):
     """From a place behind a beacon, where its bearing is about to jump by a turn."""
     cost = mb.GoalObstacleCost([6, 0, 0, 0], [1] * 4, [1] * 4, [1] * 2, mb.Obstacles([], 0), 0, 1)
     mean = [1.0, -4.0, 0.0, 0.5]
-    problem = mb.Problem(beacons(anchor=[1.0, 1.0]), cost, mean, [0.3, 0.3, 0.1, 0.1], dt=0.1, steps=1)
+    problem = mb.Problem(
+        beacons(anchor=[1.0, 1.0]), cost, mean, [0.3, 0.3, 0.1, 0.1], dt=0.1, steps=1
+    )
     jump = jnp.pi * jnp.array([0, 2.0, 0, -2.0, 0, 0])
     system, key, u = problem.system, jax.random.key(0), jnp.zeros(2)
-    beside = measured(system, np.array(mean) + np.array([[-1e-3, 0, 0, 0], [1e-3, 0, 0, 0]])).reshape(2, -1)
+    beside = measured(
+        system, np.array(mean) + np.array([[-1e-3, 0, 0, 0], [1e-3, 0, 0, 0]])
+    ).reshape(2, -1)
     assert abs(beside[0, 1] - beside[1, 1]) > 6  # the jump is really there
     update = quick_jit(lambda y: filter.update(problem, filter.init(problem, key), u, y, key))
     y = beside.mean(axis=0).at[1].set(beside[0, 1]) + 0.02
@@ -123,7 +140,8 @@ def test_every_filter_takes_a_bearing_for_what_it_is_modulo_a_turn(x64, filter):
 
 
 @pytest.mark.parametrize(
-    ("field", "value"), [("distance_floor", 0), ("bearing_floor", 0), ("curvature", -1), ("beacons", [1, 2])]
+    ("field", "value"),
+    [("distance_floor", 0), ("bearing_floor", 0), ("curvature", -1), ("beacons", [1, 2])],
 )
 def test_numbers_without_meaning_are_refused(field, value):
     with pytest.raises(ValueError, match=field):

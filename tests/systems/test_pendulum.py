@@ -25,7 +25,9 @@ def outside(system: mb.Pendulum, mean: np.ndarray, cov: np.ndarray) -> tuple[jax
 def test_it_obeys_its_equation_of_motion(rng):
     system = pendulum()
     for a, r in rng.normal(size=(5, 2)):
-        np.testing.assert_allclose(system.f(jnp.array([a, r])), [r, -3 * np.sin(a) - 0.5 * r], rtol=1e-5)
+        np.testing.assert_allclose(
+            system.f(jnp.array([a, r])), [r, -3 * np.sin(a) - 0.5 * r], rtol=1e-5
+        )
     np.testing.assert_array_equal(system.G(jnp.zeros(2)), [[0], [1]])
     np.testing.assert_allclose(system.H, [[0], [0.3]], rtol=1e-6)
     np.testing.assert_allclose(system.sigma_o(jnp.zeros(2)), [[0.1]], rtol=1e-6)
@@ -41,7 +43,9 @@ def test_it_is_seen_through_a_sine_about_the_anchor(x64, rng, kappa):
     a = rng.uniform(-3, 3, 6)
     expected = np.sin(1.2) + (np.sin(1.2 + kappa * (a - 1.2)) - np.sin(1.2)) / kappa
     np.testing.assert_allclose(seen(pendulum(curvature=kappa), a), expected, atol=1e-9)
-    np.testing.assert_allclose(seen(pendulum(curvature=kappa, anchor=0.0), a), np.sin(kappa * a) / kappa, atol=1e-9)
+    np.testing.assert_allclose(
+        seen(pendulum(curvature=kappa, anchor=0.0), a), np.sin(kappa * a) / kappa, atol=1e-9
+    )
 
 
 def test_one_is_the_sine_itself_and_zero_its_tangent():
@@ -69,7 +73,9 @@ def test_theorem_1_leaves_the_closed_form(x64, kappa):
     np.testing.assert_allclose(part, 1 - slope**2 * s**2 / variance if kappa else 0, atol=1e-10)
 
 
-@pytest.mark.parametrize(("field", "value"), [("sensor_noise", 0), ("gravity", -1), ("curvature", -0.1)])
+@pytest.mark.parametrize(
+    ("field", "value"), [("sensor_noise", 0), ("gravity", -1), ("curvature", -0.1)]
+)
 def test_numbers_without_meaning_are_refused(field, value):
     with pytest.raises(ValueError, match=field):
         pendulum(**{field: value})

@@ -18,7 +18,9 @@ def test_light_dark_is_the_double_integrator_of_the_paper(x64, rng):
     np.testing.assert_allclose(system.H @ system.H.T, model.Q, atol=1e-15)
 
 
-@pytest.mark.parametrize(("p_x", "sigma"), [(5.0, 0.1), (3.0, 2**0.5 + 0.1), (7.0, 2**0.5 + 0.1), (1.0, 8**0.5 + 0.1)])
+@pytest.mark.parametrize(
+    ("p_x", "sigma"), [(5.0, 0.1), (3.0, 2**0.5 + 0.1), (7.0, 2**0.5 + 0.1), (1.0, 8**0.5 + 0.1)]
+)
 def test_light_dark_noise_is_least_in_the_light(light_dark, p_x, sigma):
     noise = light_dark.system.sigma_o(jnp.array([p_x, -2.0, 1.0, 1.0]))
     np.testing.assert_allclose(noise, sigma * np.eye(2), rtol=1e-6)
@@ -40,7 +42,8 @@ def test_scalar_linear_is_its_five_numbers():
 
 
 @pytest.mark.parametrize(
-    ("field", "value"), [("noise_floor", 0), ("noise_slope", -1), ("process_noise", -1), ("noise_convention", "other")]
+    ("field", "value"),
+    [("noise_floor", 0), ("noise_slope", -1), ("process_noise", -1), ("noise_convention", "other")],
 )
 def test_light_dark_refuses_numbers_without_meaning(field, value):
     with pytest.raises(ValueError, match=field):

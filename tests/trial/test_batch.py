@@ -48,19 +48,30 @@ def test_a_study_as_one_program_agrees_with_its_trials_one_by_one(controller, pr
     with a move far above rounding. Some 10 roundings follow each other at a step of a path, one at each sample."""
     config = compose(*SMALL, f"controller={controller}", f"precision={precision}")
     together = config | {"batch": TRIALS}
-    assert [chunk.trials for chunk in chunks(Cell(together), TRIALS, (), 1)] == [tuple(range(TRIALS))]
+    assert [chunk.trials for chunk in chunks(Cell(together), TRIALS, (), 1)] == [
+        tuple(range(TRIALS))
+    ]
     alone, batch = run_trials(config, range(TRIALS)), run_trials(together, range(TRIALS))
 
     eps = float(np.finfo(precision).eps)
     move = eps**0.5
-    moved = config["problem"] | {"prior_mean": [mean + move for mean in config["problem"]["prior_mean"]]}
-    effect = np.abs(numbers(run_trials(config | {"problem": moved}, range(TRIALS))) - numbers(alone)).max() / move
+    moved = config["problem"] | {
+        "prior_mean": [mean + move for mean in config["problem"]["prior_mean"]]
+    }
+    effect = (
+        np.abs(
+            numbers(run_trials(config | {"problem": moved}, range(TRIALS))) - numbers(alone)
+        ).max()
+        / move
+    )
     planner = config["planner"]
     roundings = config["problem"]["steps"] * (10 * planner["horizon"] + planner["n_samples"])
     assert np.abs(numbers(batch) - numbers(alone)).max() <= roundings * effect * eps
     assert [row["trial"] for row in batch.rows] == list(range(TRIALS))
     for column in ("state", "mean", "cov", "control"):
-        assert [step[column].shape for step in batch.paths] == [step[column].shape for step in alone.paths]
+        assert [step[column].shape for step in batch.paths] == [
+            step[column].shape for step in alone.paths
+        ]
 
 
 @pytest.fixture(scope="module")
@@ -140,7 +151,10 @@ class Study:
         self.variables = {"JAX_PLATFORMS": "cpu", "JAX_DISABLE_MOST_OPTIMIZATIONS": "1", **cache}
 
     def run(self, n_trials: int, workers: int) -> int | None:
-        task, command = Task(check, run_trials, time_steps, failed_row, record, device), ["mppi-belief", "run"]
+        task, command = (
+            Task(check, run_trials, time_steps, failed_row, record, device),
+            ["mppi-belief", "run"],
+        )
         lanes = Lanes(workers, Setup([TESTS], self.variables))
         return run_study([self.cell], Order(n_trials), self.root, task, lanes, command).stopped
 
@@ -156,7 +170,9 @@ def interrupt_at_the_first_result(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Ledger, "keep", keep)
 
 
-def test_interrupted_and_resumed_with_other_workers_the_bits_are_the_same(five, tmp_path, monkeypatch):
+def test_interrupted_and_resumed_with_other_workers_the_bits_are_the_same(
+    five, tmp_path, monkeypatch
+):
     with limited():
         at_once, bit_by_bit = Study(tmp_path / "one", five), Study(tmp_path / "other", five)
         assert at_once.run(12, workers=1) is None

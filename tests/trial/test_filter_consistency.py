@@ -22,7 +22,9 @@ def problem_of(curvature: float) -> mb.Problem:
 
 
 @quick_jit
-def run(problem: mb.Problem, filter: mb.Filter, gain: float, numbers: jax.Array) -> tuple[mb.Trial, mb.Consistency]:
+def run(
+    problem: mb.Problem, filter: mb.Filter, gain: float, numbers: jax.Array
+) -> tuple[mb.Trial, mb.Consistency]:
     """Trials (N,) and what they say of the filter."""
 
     def one(number: jax.Array) -> tuple[mb.Trial, mb.Consistency]:
@@ -36,7 +38,12 @@ def run(problem: mb.Problem, filter: mb.Filter, gain: float, numbers: jax.Array)
 def linear() -> tuple[mb.Problem, mb.Trial, mb.Consistency]:
     """Where the filter is exact: the double integrator with constant noise."""
     with float64():
-        prior = {"prior_mean": [1, 1, 0, 0], "prior_std": [0.4, 0.3, 0.5, 0.2], "steps": STEPS, "dt": DT}
+        prior = {
+            "prior_mean": [1, 1, 0, 0],
+            "prior_std": [0.4, 0.3, 0.5, 0.2],
+            "steps": STEPS,
+            "dt": DT,
+        }
         problem = light_dark_problem(system={"noise_slope": 0.0, "noise_floor": 0.4}, **prior)
         return problem, *jax.tree.map(np.asarray, run(problem, mb.EKF(), 0.5, jnp.arange(TRIALS)))
 
@@ -54,7 +61,9 @@ def test_they_are_their_definitions(linear):
             e = trial.states[i, k + 1] - trial.beliefs.mean[i, k + 1]
             nees.append(e @ np.linalg.inv(trial.beliefs.cov[i, k + 1]) @ e)
             nis.append(d @ np.linalg.inv(S) @ d)
-        np.testing.assert_allclose([found.nees[i], found.nis[i]], [np.mean(nees), np.mean(nis)], rtol=1e-8)
+        np.testing.assert_allclose(
+            [found.nees[i], found.nis[i]], [np.mean(nees), np.mean(nis)], rtol=1e-8
+        )
 
 
 def test_they_are_nx_and_ny_where_the_filter_is_exact(linear):
@@ -67,7 +76,9 @@ def test_a_filter_that_believes_itself_too_much_is_told_by_both(linear):
 
     @jax.vmap
     def half(one: mb.Trial) -> mb.Consistency:
-        return mb.consistency(problem, mb.EKF(), one._replace(beliefs=one.beliefs._replace(cov=one.beliefs.cov / 2)))
+        return mb.consistency(
+            problem, mb.EKF(), one._replace(beliefs=one.beliefs._replace(cov=one.beliefs.cov / 2))
+        )
 
     with float64():
         found = quick_jit(half)(trial)
@@ -81,7 +92,10 @@ def test_the_filters_differ_where_the_sensor_bends_and_agree_where_it_does_not(x
     the bend for noise, less, and it forecasts by itself."""
     numbers = jnp.arange(100)
     bent, straight = (
-        {type(filter).__name__: run(problem_of(kappa), filter, 0.0, numbers)[1] for filter in (mb.EKF(), mb.UKF())}
+        {
+            type(filter).__name__: run(problem_of(kappa), filter, 0.0, numbers)[1]
+            for filter in (mb.EKF(), mb.UKF())
+        }
         for kappa in (1.0, 0.0)
     )
     np.testing.assert_allclose(straight["EKF"].nis, straight["UKF"].nis, rtol=1e-6)
@@ -102,7 +116,9 @@ def test_a_particle_belief_has_both(x64):
     assert abs(np.mean(found.nis) - 1) < 0.3
 
 
-@pytest.mark.parametrize(("variances", "singular"), [([1e-12, 1.0], False), ([0.0, 1.0], True), ([1.0, 0.0], True)])
+@pytest.mark.parametrize(
+    ("variances", "singular"), [([1e-12, 1.0], False), ([0.0, 1.0], True), ([1.0, 0.0], True)]
+)
 def test_a_singular_covariance_has_no_distance_whatever_the_units(variances, singular):
     found = squared_distance(jnp.sqrt(jnp.array([1e-12, 1.0])), jnp.diag(jnp.array(variances)))
     assert jnp.isnan(found) if singular else found == pytest.approx(2.0)
@@ -117,7 +133,9 @@ def test_steps_without_a_distance_are_left_out(linear):
     covs[3] = 0.0
     with float64():
         judge = quick_jit(
-            lambda cov: mb.consistency(problem, mb.EKF(), one._replace(beliefs=one.beliefs._replace(cov=cov)))
+            lambda cov: mb.consistency(
+                problem, mb.EKF(), one._replace(beliefs=one.beliefs._replace(cov=cov))
+            )
         )
         some, none = judge(covs), judge(np.zeros_like(covs))
     e = one.states[3] - one.beliefs.mean[3]

@@ -31,7 +31,9 @@ def untouched() -> Iterator[None]:
 
 def pretend(monkeypatch: pytest.MonkeyPatch, platform: str, kind: str) -> None:
     """JAX computes on another device, as far as it says."""
-    monkeypatch.setattr(jax, "devices", lambda: [SimpleNamespace(platform=platform, device_kind=kind)])
+    monkeypatch.setattr(
+        jax, "devices", lambda: [SimpleNamespace(platform=platform, device_kind=kind)]
+    )
 
 
 def test_workers_of_a_gpu_get_it_and_who_starts_them_does_not():
@@ -56,7 +58,10 @@ def test_what_the_user_has_set_stays():
     os.environ |= {"JAX_PLATFORMS": "rocm", "XLA_PYTHON_CLIENT_PREALLOCATE": "true"}
     os.environ["XLA_FLAGS"] = "--xla_gpu_deterministic_ops=false"
     variables = environment.prepare("gpu")
-    assert (variables["JAX_PLATFORMS"], variables["XLA_PYTHON_CLIENT_PREALLOCATE"]) == ("rocm", "true")
+    assert (variables["JAX_PLATFORMS"], variables["XLA_PYTHON_CLIENT_PREALLOCATE"]) == (
+        "rocm",
+        "true",
+    )
     assert "--xla_gpu_deterministic_ops=true" not in variables["XLA_FLAGS"]
     os.environ["JAX_PLATFORMS"] = "cuda"
     environment.prepare("cpu")
@@ -65,12 +70,20 @@ def test_what_the_user_has_set_stays():
 
 @pytest.mark.parametrize(
     ("args", "workers", "batch", "platforms"),
-    [(["platform=gpu", "workers=3"], 1, 200, "cuda"), (["workers=3"], 3, 1, None), (["batch=7"], 2, 7, None)],
+    [
+        (["platform=gpu", "workers=3"], 1, 200, "cuda"),
+        (["workers=3"], 3, 1, None),
+        (["batch=7"], 2, 7, None),
+    ],
 )
-def test_the_switch_reaches_the_study(args, workers, batch, platforms, tmp_path, capsys, monkeypatch):
+def test_the_switch_reaches_the_study(
+    args, workers, batch, platforms, tmp_path, capsys, monkeypatch
+):
     given: dict[str, Any] = {}
 
-    def run_study(cells: Any, order: Order, root: Any, task: Task, workers: Lanes, command: Any) -> None:
+    def run_study(
+        cells: Any, order: Order, root: Any, task: Task, workers: Lanes, command: Any
+    ) -> None:
         given.update(cells=cells, workers=workers.count, elsewhere=workers.elsewhere)
         raise ConfigError("far enough")
 
@@ -96,7 +109,8 @@ def test_without_a_gpu_it_is_one_line_that_names_the_extra_and_nothing_is_writte
         assert (said.code, said.out) == (2, "")
         line = said.err.splitlines()[-1]
         assert re.fullmatch(
-            rf"mppi-belief: platform=gpu: .*\"mppi-belief\[gpu\]\".*JAX_PLATFORMS={platforms or 'cuda'}\b.*", line
+            rf"mppi-belief: platform=gpu: .*\"mppi-belief\[gpu\]\".*JAX_PLATFORMS={platforms or 'cuda'}\b.*",
+            line,
         )
         assert "Traceback" not in said.err
         assert files_in(tmp_path) == []
@@ -109,7 +123,9 @@ def test_a_gpu_that_is_there_is_named_and_multiplies_in_full(monkeypatch):
     with computing(config):
         assert jax.config.jax_default_matmul_precision == "highest"
     assert jax.config.jax_default_matmul_precision is None
-    with pytest.raises(ConfigError, match=r"^platform=cpu: needs JAX_PLATFORMS unset or cpu; .*on the gpu$"):
+    with pytest.raises(
+        ConfigError, match=r"^platform=cpu: needs JAX_PLATFORMS unset or cpu; .*on the gpu$"
+    ):
         device(config | {"platform": "cpu"})
 
 

@@ -107,7 +107,9 @@ def test_weights_are_those_of_the_trial_that_is_run(belief, trial):
 def test_samples_start_from_the_belief_of_the_trial_that_is_run(belief, trial):
     """One step of p' = v away from the mean, for all samples alike: controls reach the velocity only."""
     start = trial.means[:-1, :2] + DT * trial.means[:-1, 2:]
-    np.testing.assert_allclose(belief.position[:, :, 0], np.broadcast_to(start[:, None], (STEPS, 24, 2)), atol=1e-3)
+    np.testing.assert_allclose(
+        belief.position[:, :, 0], np.broadcast_to(start[:, None], (STEPS, 24, 2)), atol=1e-3
+    )
 
 
 def test_weighted_samples_give_the_control_of_the_trial_that_is_run(belief, trial):
@@ -137,7 +139,9 @@ def test_the_residual_lies_between_zero_and_one_and_never_above_the_imposed_one(
     assert optimum.shape == imposed.shape == (STEPS,)
     assert np.all((optimum >= 0) & (optimum <= 1))
     assert np.all(optimum <= imposed)
-    assert np.all(optimum > 0.5)  # in the dark: controls reach the velocity, of which little is learnt
+    assert np.all(
+        optimum > 0.5
+    )  # in the dark: controls reach the velocity, of which little is learnt
 
 
 def test_a_single_state_is_always_matched_and_by_the_imposed_weight_where_the_theory_says(scalar):
@@ -159,7 +163,10 @@ def test_a_controller_without_samples_has_a_residual_but_no_paths(silent):
 @pytest.mark.parametrize("convention", ["sample", "intensity"])
 def test_the_residual_is_that_of_the_recursions_along_the_trials_own_means(convention, silent):
     """Written anew, with what controls do not reach of D: the filter's D = K S K' / dt, and (8b), (9) by expm."""
-    A, G = np.block([[np.zeros((2, 2)), np.eye(2)], [np.zeros((2, 4))]]), np.vstack([np.zeros((2, 2)), np.eye(2)])
+    A, G = (
+        np.block([[np.zeros((2, 2)), np.eye(2)], [np.zeros((2, 4))]]),
+        np.vstack([np.zeros((2, 2)), np.eye(2)]),
+    )
     C, F, Q = np.hstack([np.eye(2), np.zeros((2, 2))]), np.eye(4) + DT * A, 0.3**2 * G @ G.T
     problem = silent.config["problem"]
     mean, cov = np.array(problem["prior_mean"]), np.diag(np.array(problem["prior_std"]) ** 2)
@@ -199,6 +206,9 @@ def test_theorem_1_has_its_residual_at_every_step(belief):
         (a, r), cov = trial.means[k], trial.covs[k].reshape(2, 2)
         mean, v = a + dt * r, cov[0, 0] + 2 * dt * cov[0, 1] + dt**2 * cov[1, 1]
         m, v = system["anchor"] + 2 * (mean - system["anchor"]), 4 * v
-        slope, variance = np.cos(m) * np.exp(-v / 2), -np.expm1(-v) * (1 + np.exp(-v) * np.cos(2 * m)) / 2
+        slope, variance = (
+            np.cos(m) * np.exp(-v / 2),
+            -np.expm1(-v) * (1 + np.exp(-v) * np.cos(2 * m)) / 2,
+        )
         assert part == pytest.approx(1 - slope**2 * v / variance, abs=2e-5)
         assert part > 0.01

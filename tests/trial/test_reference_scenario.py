@@ -28,8 +28,12 @@ class Row(NamedTuple):
 
 
 TABLE = {
-    "CE-MPPI": Row(mb.MPPIBelief(control_std=2.75, evaluate="mean"), (44.8, 0.35), (0.108, 0.009), 102, 1.01),
-    "MPPI-Belief": Row(mb.MPPIBelief(control_std=2.75, theta=1.0), (55.9, 0.38), (0.734, 0.013), 2, 1.01),
+    "CE-MPPI": Row(
+        mb.MPPIBelief(control_std=2.75, evaluate="mean"), (44.8, 0.35), (0.108, 0.009), 102, 1.01
+    ),
+    "MPPI-Belief": Row(
+        mb.MPPIBelief(control_std=2.75, theta=1.0), (55.9, 0.38), (0.734, 0.013), 2, 1.01
+    ),
 }
 
 
@@ -42,7 +46,9 @@ def measured() -> dict[str, mb.Metrics]:
         def one(number: jax.Array) -> mb.Metrics:
             return mb.metrics(problem, mb.simulate_trial(problem, mb.EKF(), controller, 0, number))
 
-        return jax.tree.map(np.asarray, users_jit(lambda numbers: jax.lax.map(one, numbers))(jnp.arange(TRIALS)))
+        return jax.tree.map(
+            np.asarray, users_jit(lambda numbers: jax.lax.map(one, numbers))(jnp.arange(TRIALS))
+        )
 
     return {name: metrics(row.controller) for name, row in TABLE.items()}
 
@@ -50,7 +56,10 @@ def measured() -> dict[str, mb.Metrics]:
 @pytest.mark.parametrize("name", TABLE)
 def test_cost_and_clearance_agree_within_standard_errors(name, measured):
     found = measured[name]
-    for values, (mean, error) in ((found.cost, TABLE[name].cost), (found.clearance, TABLE[name].clearance)):
+    for values, (mean, error) in (
+        (found.cost, TABLE[name].cost),
+        (found.clearance, TABLE[name].clearance),
+    ):
         ours = values.std(ddof=1) / np.sqrt(TRIALS)
         assert abs(values.mean() - mean) < SIGMAS * np.hypot(ours, error), (values.mean(), ours)
 
@@ -60,7 +69,9 @@ def test_final_distances_agree_within_standard_errors(name, measured):
     values = measured[name].final_distance
     # the table gives no error for these: as large as ours, on its number of trials
     ours = values.std(ddof=1) * np.sqrt(1 / TRIALS + 1 / REFERENCE_TRIALS)
-    assert abs(values.mean() - TABLE[name].final_distance) < SIGMAS * ours + 0.005  # printed to two digits
+    assert (
+        abs(values.mean() - TABLE[name].final_distance) < SIGMAS * ours + 0.005
+    )  # printed to two digits
 
 
 @pytest.mark.parametrize("name", TABLE)

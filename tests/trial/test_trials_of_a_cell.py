@@ -42,7 +42,9 @@ def quick() -> Iterator[None]:
         yield
 
 
-def users(system: dict[str, Any] | None = None, controller: dict[str, Any] | None = None) -> dict[str, Any]:
+def users(
+    system: dict[str, Any] | None = None, controller: dict[str, Any] | None = None
+) -> dict[str, Any]:
     """A configuration of the parts in `user_parts`: two states, one control, one measurement."""
     cost = {
         "_target_": "mppi_belief.GoalObstacleCost",
@@ -75,7 +77,11 @@ def test_build_makes_what_the_configuration_says():
     assert isinstance(built.problem.system, mb.LightDark)
     assert isinstance(built.problem.cost.obstacles, mb.Obstacles)
     assert isinstance(built.filter, mb.EKF)
-    assert (built.controller.theta, built.controller.n_samples, built.problem.cost.w_obs) == (2.0, 16, 100.0)
+    assert (built.controller.theta, built.controller.n_samples, built.problem.cost.w_obs) == (
+        2.0,
+        16,
+        100.0,
+    )
     np.testing.assert_array_equal(built.problem.prior_mean, [0.9, 1.9, 0, 0])
 
 
@@ -94,8 +100,14 @@ def test_build_makes_what_the_configuration_says():
         ("+system.lihgt=3", r"unknown key 'system\.lihgt'; did you mean 'system\.light'"),
         ("+system.obstacles.width=3", r"unknown key 'system\.obstacles\.width'"),
         ("~cost.w_obs", r"cost\b.*w_obs"),
-        ("controller._target_=nowhere.Controller", r"controller\._target_=nowhere\.Controller: must name a class of"),
-        ("controller._target_=mppi_belief.Nobody", r"controller\._target_=mppi_belief\.Nobody: .*Nobody"),
+        (
+            "controller._target_=nowhere.Controller",
+            r"controller\._target_=nowhere\.Controller: must name a class of",
+        ),
+        (
+            "controller._target_=mppi_belief.Nobody",
+            r"controller\._target_=mppi_belief\.Nobody: .*Nobody",
+        ),
         ("controller._target_=3", r"controller\._target_=3: "),
     ],
 )
@@ -106,12 +118,15 @@ def test_a_bad_setting_is_named_with_its_group(change, reason):
 
 
 @pytest.mark.parametrize(
-    "target", ["user_parts.launch", "user_parts.Plain", "user_parts.PlainDataclass", "user_parts.CALLS"]
+    "target",
+    ["user_parts.launch", "user_parts.Plain", "user_parts.PlainDataclass", "user_parts.CALLS"],
 )
 def test_what_is_not_a_struct_is_refused_and_not_called(target):
     user_parts.CALLS.clear()
     config = users(controller={"_target_": target})
-    with pytest.raises(ConfigError, match=rf"^controller\._target_={target}: must name a class .*struct"):
+    with pytest.raises(
+        ConfigError, match=rf"^controller\._target_={target}: must name a class .*struct"
+    ):
         build(config)
     assert user_parts.CALLS == []
 
@@ -134,8 +149,14 @@ def test_parts_that_fit_pass_the_check():
         ("clearance", r"system\.clearance has shape \(1,\), must be \(\)"),
         ("c raises", r"system\.c fails for a state of shape \(2,\): c is not feeling well"),
         ("H raises", r"system\.H fails for a state of shape \(2,\): H is not feeling well"),
-        ("f branches", r"system\.f fails for a state of shape \(2,\): it needs the values of its state"),
-        ("c numpy", r"system\.c fails for a state of shape \(2,\): it needs the values of its state"),
+        (
+            "f branches",
+            r"system\.f fails for a state of shape \(2,\): it needs the values of its state",
+        ),
+        (
+            "c numpy",
+            r"system\.c fails for a state of shape \(2,\): it needs the values of its state",
+        ),
         ("f integer", r"system\.f returns int32, must return floating-point"),
         ("clearance bool", r"system\.clearance returns bool, must return floating-point"),
         ("G complex", r"system\.G returns complex64, must return floating-point"),
@@ -188,7 +209,9 @@ def test_what_a_system_may_do_without_is_allowed():
 def test_a_system_without_a_function_or_a_convention_is_refused():
     with pytest.raises(ConfigError, match=r"^system\.c is missing: Mute must have it"):
         check(users() | {"system": {"_target_": "user_parts.Mute"}})
-    with pytest.raises(ConfigError, match=r"^system\.noise_convention='neither': must be one of sample, intensity"):
+    with pytest.raises(
+        ConfigError, match=r"^system\.noise_convention='neither': must be one of sample, intensity"
+    ):
         check(users(system={"noise_convention": "neither"}))
 
 
@@ -240,9 +263,13 @@ def test_numbers_of_the_wrong_length_are_refused(change):
         check(compose(change, "controller=ce", *PLANNER))
 
 
-@pytest.mark.parametrize(("wrong", "reason"), [("shape", ""), ("info", "ess"), ("raises", "no plan survives")])
+@pytest.mark.parametrize(
+    ("wrong", "reason"), [("shape", ""), ("info", "ess"), ("raises", "no plan survives")]
+)
 def test_a_controller_that_does_not_fit_is_refused(wrong, reason):
-    with pytest.raises(ConfigError, match=f"^filter or controller does not fit the problem: .*{reason}") as caught:
+    with pytest.raises(
+        ConfigError, match=f"^filter or controller does not fit the problem: .*{reason}"
+    ) as caught:
         check(users(controller={"wrong": wrong}))
     assert len(str(caught.value).splitlines()) == 1
 
@@ -254,11 +281,25 @@ def small() -> dict[str, Any]:
 
 def test_a_row_has_every_column_and_what_was_swept(small):
     rows = run_trials(small, [4, 7]).rows
-    swept = {"planner.n_samples": 16, "planner.horizon": 4, "problem.steps": 3, "system": "scalar_linear"}
+    swept = {
+        "planner.n_samples": 16,
+        "planner.horizon": 4,
+        "problem.steps": 3,
+        "system": "scalar_linear",
+    }
     for trial, row in zip((4, 7), rows, strict=True):
         assert set(row) == {*COLUMNS, *swept}
-        labels = {"trial": trial, "seed": 3, "status": "ok", "controller": "belief", "theta": 2.0, "w_obs": 0.0}
-        assert row.items() >= (labels | swept | {"steps": 3, "error": None, "collided": False}).items()
+        labels = {
+            "trial": trial,
+            "seed": 3,
+            "status": "ok",
+            "controller": "belief",
+            "theta": 2.0,
+            "w_obs": 0.0,
+        }
+        assert (
+            row.items() >= (labels | swept | {"steps": 3, "error": None, "collided": False}).items()
+        )
         assert row["cost"] == pytest.approx(row["running_cost"] + row["terminal_cost"], rel=1e-6)
         assert row["clearance"] == np.inf
     assert rows[0]["cost"] != rows[1]["cost"]
@@ -268,7 +309,9 @@ def test_a_trial_does_not_depend_on_the_trials_it_runs_with(small):
     alone, together = run_trials(small, [2]), run_trials(small, [1, 2, 3])
     assert together.rows[1] == alone.rows[0]
     assert run_trials(small | {"seed": 4}, [2]).rows[0]["cost"] != alone.rows[0]["cost"]
-    for expected, got in zip(alone.paths, [step for step in together.paths if step["trial"] == 2], strict=True):
+    for expected, got in zip(
+        alone.paths, [step for step in together.paths if step["trial"] == 2], strict=True
+    ):
         for name, value in expected.items():
             np.testing.assert_array_equal(got[name], value)
 
@@ -276,7 +319,9 @@ def test_a_trial_does_not_depend_on_the_trials_it_runs_with(small):
 def test_paths_are_kept_for_the_first_trials_only(small):
     batch = run_trials(small, [KEPT_PATHS - 1, KEPT_PATHS])
     assert KEPT_PATHS == 50
-    assert [(step["trial"], step["step"]) for step in batch.paths] == [(KEPT_PATHS - 1, k) for k in range(4)]
+    assert [(step["trial"], step["step"]) for step in batch.paths] == [
+        (KEPT_PATHS - 1, k) for k in range(4)
+    ]
     shapes = {name: batch.paths[0][name].shape for name in ("state", "mean", "cov", "control")}
     assert shapes == {"state": (1,), "mean": (1,), "cov": (1,), "control": (1,)}
     assert np.all(np.isfinite(np.concatenate([step["control"] for step in batch.paths[:-1]])))
@@ -311,7 +356,12 @@ def test_a_state_that_leaves_the_finite_numbers_is_called_diverged():
 def test_a_controller_that_raises_costs_its_trials_only_their_results():
     rows = run_trials(users(controller={"wrong": "raises"}), [0, 1]).rows
     for trial, row in enumerate(rows):
-        assert (row["trial"], row["status"], row["steps"], row["collided"]) == (trial, "error", 0, None)
+        assert (row["trial"], row["status"], row["steps"], row["collided"]) == (
+            trial,
+            "error",
+            0,
+            None,
+        )
         assert row["error"].startswith("RuntimeError: no plan survives")
         assert np.isnan(row["cost"])
         assert set(row) == set(COLUMNS)
@@ -324,7 +374,9 @@ def test_a_failed_row_has_the_columns_of_a_good_one(small):
 
 
 def test_precision_is_that_of_the_configuration(small):
-    single, double = (run_trials(small | {"precision": name}, [0]) for name in ("float32", "float64"))
+    single, double = (
+        run_trials(small | {"precision": name}, [0]) for name in ("float32", "float64")
+    )
     assert single.paths[1]["state"].dtype == np.float32
     assert double.paths[1]["state"].dtype == np.float64
     assert double.paths[1]["state"][0] != np.float32(double.paths[1]["state"][0])
@@ -336,7 +388,13 @@ def test_sweeps_over_numbers_compile_once_and_over_sizes_again():
     before = trials._run._cache_size()
     costs = [
         run_trials(compose(*PLANNER, *change), [0]).rows[0]["ess"]
-        for change in (["theta=3"], ["w_obs=100"], ["theta=0", "w_obs=7"], ["system.light=4"], ["seed=5"])
+        for change in (
+            ["theta=3"],
+            ["w_obs=100"],
+            ["theta=0", "w_obs=7"],
+            ["system.light=4"],
+            ["seed=5"],
+        )
     ]
     assert trials._run._cache_size() == before
     assert len(set(costs)) == 5

@@ -47,7 +47,9 @@ def test_an_observation_that_is_nearly_affine_is_caught(x64, monkeypatch):
 
 def test_the_closed_forms_tell_a_wrong_part(x64):
     mu = np.linspace(-1.9, 1.9, 6)
-    cubic, sine = certificate.outside([lambda x: x**3, jnp.sin], mu[:, None], np.array([[certificate.S**2]]))
+    cubic, sine = certificate.outside(
+        [lambda x: x**3, jnp.sin], mu[:, None], np.array([[certificate.S**2]])
+    )
     assert all(check.holds for check in certificate._closed_forms(mu, cubic, sine))
     wrong = cubic._replace(part=cubic.part + 1e-11)
     assert not check(certificate._closed_forms(mu, wrong, sine), "x³: largest").holds
@@ -59,7 +61,9 @@ def test_an_affine_sensor_in_place_of_distance_and_bearing_is_caught(x64, monkey
     monkeypatch.setattr(certificate, "bearing", lambda x: 2 * x + 1)
     mu = np.zeros((2, 1))
     nothing = certificate.Found(np.zeros(2), mu[:, :, None], 4)
-    assert not any(check.holds for check in certificate._nonlinear(np.random.default_rng(0), nothing, nothing))
+    assert not any(
+        check.holds for check in certificate._nonlinear(np.random.default_rng(0), nothing, nothing)
+    )
 
 
 def test_a_filter_that_uses_the_scatter_is_caught(x64, monkeypatch):
@@ -97,7 +101,9 @@ def test_the_fisher_information_is_the_variance_of_the_score(x64, rng):
     y = np.asarray(system.c(x)) + rng.normal(size=(40_000, 2)) * np.sqrt(np.diag(R))
     scores = np.asarray(quick_jit(jax.vmap(jax.grad(log_density), (None, 0)))(x, y))[:, 0]
     squares = scores**2
-    told = float(sum(part[0, 0] for part in quick_jit(lambda x: certificate.information(system, x, 0.1))(x)))
+    told = float(
+        sum(part[0, 0] for part in quick_jit(lambda x: certificate.information(system, x, 0.1))(x))
+    )
     assert abs(squares.mean() - told) < 4.5 * squares.std() / np.sqrt(len(squares))
     assert told == pytest.approx(3 / float(R[0, 0]), rel=1e-12)
 
@@ -115,7 +121,11 @@ def test_an_affine_observation_leaves_nothing_on_any_nodes(seed, shape):
     A = rng.normal(size=shape)
     with float64():
         part, slope = affine_part(
-            A, rng.normal(size=ny), rng.normal(size=nx), random_spd(rng, nx), rng.normal(size=(50, nx))
+            A,
+            rng.normal(size=ny),
+            rng.normal(size=nx),
+            random_spd(rng, nx),
+            rng.normal(size=(50, nx)),
         )
         part, slope = float(part), np.asarray(slope)
     # 50 nodes: 200 operations, over |A| of at least 1e-3 but for a chance of 1e-3 squared

@@ -33,10 +33,17 @@ def forms_like(excess: np.ndarray) -> np.ndarray:
     return excess[:, None] * draws / draws.mean(axis=1, keepdims=True)
 
 
-def verdicts(forms: np.ndarray, expected: a1.Expected, paired: np.ndarray | None = None) -> list[bool]:
+def verdicts(
+    forms: np.ndarray, expected: a1.Expected, paired: np.ndarray | None = None
+) -> list[bool]:
     noise = np.random.default_rng(1).normal(size=forms.shape)
     noise -= noise.mean(axis=1, keepdims=True)
-    return [c.holds for c in a1._excess_checks(forms + noise if paired is None else paired, forms, expected, 3.0)]
+    return [
+        c.holds
+        for c in a1._excess_checks(
+            forms + noise if paired is None else paired, forms, expected, 3.0
+        )
+    ]
 
 
 def test_the_certificate_holds(certificate):
@@ -60,7 +67,9 @@ def test_an_excess_that_falls_otherwise_is_seen(expected):
 def test_points_whose_interval_reaches_below_zero_are_drawn(certificate):
     paired, forms = certificate.panels[0].lines[2:]
     assert list(forms.x) == list(a1.SAMPLES)
-    assert np.all(np.less(0, paired.low) & np.less(paired.low, paired.y) & np.less(paired.y, paired.high))
+    assert np.all(
+        np.less(0, paired.low) & np.less(paired.low, paired.y) & np.less(paired.y, paired.high)
+    )
     wide = a1._points("", np.array([[-1.0, 3.0, 1.0], [-1.0, -3.0, -1.0]] * 2), 100.0)
     assert list(wide.x) == [a1.SAMPLES[0], a1.SAMPLES[2]]
     np.testing.assert_allclose(wide.low, 0.1)
@@ -89,18 +98,33 @@ def test_a_controller_that_is_not_the_optimum_is_seen(x64):
     assert [c.holds for c in a1._optimum_checks(problem, optimum, best, off)] == [True, False, True]
     wrong = optimum._replace(gain=optimum.gain * (1 + 1e-6))
     right = a1.Loops(costs + 10, mean, -wrong.gain * mean)
-    assert [c.holds for c in a1._optimum_checks(problem, wrong, best, right)] == [False, True, False]
+    assert [c.holds for c in a1._optimum_checks(problem, wrong, best, right)] == [
+        False,
+        True,
+        False,
+    ]
 
 
 @pytest.mark.parametrize("tau", [1.0, 0.5])
 def test_the_tilted_paths_are_those_of_the_reference(tau, monkeypatch):
     """Against the precision matrix of all increments at once."""
-    a, b, q, q_T, dt, steps, D, mean = 0.3, a1.CONTROL_GAIN, a1.STATE_WEIGHT, 1.7, a1.DT, 6, 0.4, 1.1
+    a, b, q, q_T, dt, steps, D, mean = (
+        0.3,
+        a1.CONTROL_GAIN,
+        a1.STATE_WEIGHT,
+        1.7,
+        a1.DT,
+        6,
+        0.4,
+        1.1,
+    )
     monkeypatch.setattr(a1, "DRIFT", a)
     exact = reference.gaussian_paths(a, b, D, q, q_T, mean, dt, steps, tau)
     tilt = a1.tilted(np.full((1, steps), D), q_T, tau)
     assert -tilt.pull[0] * mean / (b * dt) == pytest.approx(exact.control, rel=1e-12)
-    assert -tilt.value[0] * mean**2 / (2 * tau) - tilt.constant[0] == pytest.approx(exact.log_psi, rel=1e-12)
+    assert -tilt.value[0] * mean**2 / (2 * tau) - tilt.constant[0] == pytest.approx(
+        exact.log_psi, rel=1e-12
+    )
 
 
 def test_the_optimal_cost_is_that_of_the_joint_second_moments(x64):
@@ -124,9 +148,15 @@ def test_the_prediction_is_the_spread_of_a_ratio_of_averages(x64):
     covs, innovations = (part[:1] for part in a1.filtered_law(problem))
     found = a1.expected_excess(problem, optimum, covs, innovations)
     D, rng = a1.planned_diffusions(problem, covs)[0], np.random.default_rng(0)
-    pushed, B = np.sqrt(D * a1.DT)[:, None] * rng.normal(size=(len(D), 400_000)), a1.CONTROL_GAIN * a1.DT
+    pushed, B = (
+        np.sqrt(D * a1.DT)[:, None] * rng.normal(size=(len(D), 400_000)),
+        a1.CONTROL_GAIN * a1.DT,
+    )
     mu = 1 + np.vstack([0 * pushed[:1], np.cumsum(pushed, axis=0)])
-    w = np.exp(-0.5 * a1.STATE_WEIGHT * a1.DT * np.sum(mu[:-1] ** 2, axis=0) - 0.5 * optimum.value * mu[-1] ** 2)
+    w = np.exp(
+        -0.5 * a1.STATE_WEIGHT * a1.DT * np.sum(mu[:-1] ** 2, axis=0)
+        - 0.5 * optimum.value * mu[-1] ** 2
+    )
     w /= w.mean()
     error = pushed[0] / B + optimum.gain  # of one sample, from the optimal control at mu = 1
     wrong = np.mean(w * error)

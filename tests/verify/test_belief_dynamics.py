@@ -68,7 +68,9 @@ def test_a_control_that_does_not_act_through_its_divergence_is_seen(monkeypatch,
 
 def test_a_drift_that_is_not_6a_in_both_the_channel_and_the_step_is_seen(monkeypatch, quick_x64):
     generator = kushner.generator
-    monkeypatch.setattr(kushner, "generator", lambda on, model, u: generator(on, model._replace(f=0 * model.f), u))
+    monkeypatch.setattr(
+        kushner, "generator", lambda on, model, u: generator(on, model._replace(f=0 * model.f), u)
+    )
     assert not dynamics.step_orders()[0].holds
 
 
@@ -107,7 +109,9 @@ def integrated(dy: np.ndarray, dt: float) -> np.ndarray:
     state = np.array([dynamics.PRIOR_MEAN, dynamics.PRIOR_MEAN, dynamics.PRIOR_STD**2])
     for u, increment in zip(controls_of(HELD), dy, strict=True):
 
-        def rate(_: float, s: np.ndarray, u: float = u, increment: np.ndarray = increment) -> np.ndarray:
+        def rate(
+            _: float, s: np.ndarray, u: float = u, increment: np.ndarray = increment
+        ) -> np.ndarray:
             K = s[2] * C / R_o
             means = A * s[:2] + B * u + K * (increment / dt - C * s[:2])
             return np.append(means, 2 * A * s[2] + dynamics.SIGMA_W**2 - K**2 * R_o)
@@ -130,7 +134,11 @@ def made_up(error: Callable[[np.ndarray], np.ndarray]) -> list[Check]:
 def test_another_order_in_the_curvature_is_seen():
     assert all(check.holds for check in made_up(lambda kappa: 0.1 * kappa * (1 - kappa)))
     assert [check.holds for check in made_up(lambda kappa: 0.1 * kappa**2)] == [False, False, True]
-    assert [check.holds for check in made_up(lambda kappa: 1e-7 * kappa * (1 - kappa))] == [True, True, False]
+    assert [check.holds for check in made_up(lambda kappa: 1e-7 * kappa * (1 - kappa))] == [
+        True,
+        True,
+        False,
+    ]
 
 
 def test_a_particle_filter_that_is_off_is_seen():
@@ -155,7 +163,12 @@ def test_weights_of_another_measurement_noise_are_seen(monkeypatch, x64):
 def test_from_where_the_extended_kalman_filter_is_worse():
     def panel(*errors):
         kappa, none = [0.1, 0.2, 0.4], Line("", [], [])
-        return Panel("", "", "", [Line("EKF", kappa, errors), none, Line("particles", kappa, [1.0] * 3), none])
+        return Panel(
+            "",
+            "",
+            "",
+            [Line("EKF", kappa, errors), none, Line("particles", kappa, [1.0] * 3), none],
+        )
 
     assert dynamics.worse_from(panel(0.5, 1.5, 2.0)) == 0.2
     assert dynamics.worse_from(panel(1.5, 0.5, 2.0)) == 0.4
@@ -165,7 +178,9 @@ def test_from_where_the_extended_kalman_filter_is_worse():
 
 def test_the_extended_kalman_filter_is_the_plain_one_on_a_curved_measurement(x64):
     problem, y = dynamics.curved(0.8), 0.5 + np.sin(np.arange(dynamics.STEPS))[:, None]
-    mean, variance = quick_jit(lambda y: filtered(problem, mb.EKF(), y, jnp.zeros(2, jnp.uint32)))(jnp.asarray(y))
+    mean, variance = quick_jit(lambda y: filtered(problem, mb.EKF(), y, jnp.zeros(2, jnp.uint32)))(
+        jnp.asarray(y)
+    )
     at, cov, dt = np.array([dynamics.PRIOR_MEAN]), np.array([[dynamics.PRIOR_STD**2]]), problem.dt
     noise = np.array([[0.3**2 / dt]])
     for k, u in enumerate(controls_of(dynamics.STEPS)):

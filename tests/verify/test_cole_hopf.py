@@ -49,9 +49,17 @@ def test_a_wrong_sign_in_front_of_the_gradient_term_shows(monkeypatch, x64):
 
 def test_a_transform_of_another_temperature_shows(monkeypatch, x64):
     desirability = pde.desirability
-    monkeypatch.setattr(pde, "desirability", lambda terms, on: np.abs(desirability(terms, on)) ** 1.01)
+    monkeypatch.setattr(
+        pde, "desirability", lambda terms, on: np.abs(desirability(terms, on)) ** 1.01
+    )
     broken = failed(cole_hopf.certify())
-    for part in ("RMS residual of (14)", "V by (16) from V by", "V by (16) from the Riccati", "slope", "prediction"):
+    for part in (
+        "RMS residual of (14)",
+        "V by (16) from V by",
+        "V by (16) from the Riccati",
+        "slope",
+        "prediction",
+    ):
         assert part in broken
 
 
@@ -93,7 +101,10 @@ def test_what_is_left_without_matching_is_what_is_predicted(setting, kappa):
 def test_the_cost_is_not_quadratic_but_where_the_grid_ends(setting):
     terms = setting[2]
     with float64():
-        for mu, near in ((np.array([-0.6, 1.1]), True), (np.array([-terms.reach, terms.reach]), False)):
+        for mu, near in (
+            (np.array([-0.6, 1.1]), True),
+            (np.array([-terms.reach, terms.reach]), False),
+        ):
             gap = np.abs(terms.running(mu) - pde.quadratic(terms.far_running, mu))
             assert np.all(gap > 0.3) if near else np.all(gap < 1e-12)
 

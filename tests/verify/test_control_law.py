@@ -67,7 +67,9 @@ def test_another_temperature_shows_in_the_samples(setting):
     matched, _, terms = setting
     with float64():
         for factor, holds in ((1.0, True), (1.2, False)):
-            sampled = law.sample(matched._replace(temperature=factor * 0.6), terms, jax.random.key(KEY))
+            sampled = law.sample(
+                matched._replace(temperature=factor * 0.6), terms, jax.random.key(KEY)
+            )
             assert largest_z("", sampled.z, law.KEYS - 1).holds == holds
 
 
@@ -79,13 +81,17 @@ def test_bias_and_variance_of_the_estimate_are_those_of_samples(rng):
         terms = equation(matched, steady(matched.problem, matched.cov))
         found = law.estimate(matched, terms, np.array([mean]))
         pushed = np.sqrt(terms.diffusion) * rng.normal(size=(batches, N))
-        weights = np.exp(-terms.terminal((mean * (1 + terms.drift) + pushed).ravel()) / terms.temperature)
+        weights = np.exp(
+            -terms.terminal((mean * (1 + terms.drift) + pushed).ravel()) / terms.temperature
+        )
     weights = weights.reshape(batches, N)
     u = np.sum(weights * pushed, axis=1) / np.sum(weights, axis=1) / 0.8  # b
     error = u.std() / np.sqrt(batches)
     assert abs(found.bias[0] / N) > 2 * error
     assert abs(u.mean() - found.control[0] - found.bias[0] / N) < SIGMAS * error
-    assert N * u.var() == pytest.approx(found.variance[0], rel=SIGMAS * np.sqrt(2 / batches) + 5 / N)
+    assert N * u.var() == pytest.approx(
+        found.variance[0], rel=SIGMAS * np.sqrt(2 / batches) + 5 / N
+    )
 
 
 def test_the_diffusion_of_the_double_integrator_has_rank_one(double_integrator):
@@ -94,7 +100,9 @@ def test_the_diffusion_of_the_double_integrator_has_rank_one(double_integrator):
     assert np.linalg.matrix_rank(np.asarray(problem.system.H)) == 2
     np.testing.assert_allclose(along.cov, np.broadcast_to(cov, along.cov.shape), atol=1e-12)
     G, R = np.asarray(problem.system.B), np.asarray(problem.cost.R)
-    np.testing.assert_allclose(along.diffusion[0], temperature * G @ np.linalg.solve(R, G.T), atol=1e-12)
+    np.testing.assert_allclose(
+        along.diffusion[0], temperature * G @ np.linalg.solve(R, G.T), atol=1e-12
+    )
 
 
 def test_a_diffusion_beside_the_control_channel_shows(double_integrator):
@@ -102,7 +110,9 @@ def test_a_diffusion_beside_the_control_channel_shows(double_integrator):
     with float64():
         assert all(check.holds for check in underactuated._algebra(problem, along, temperature))
         beside = along._replace(diffusion=along.diffusion + 1e-6 * jnp.eye(2))
-        assert not any(check.holds for check in underactuated._algebra(problem, beside, temperature))
+        assert not any(
+            check.holds for check in underactuated._algebra(problem, beside, temperature)
+        )
 
 
 def test_a_control_map_that_sees_the_rest_of_the_space_shows(double_integrator, monkeypatch):
@@ -122,7 +132,9 @@ def test_the_double_integrators_exact_control_is_lqg_of_the_same_steps(double_in
         @quick_jit
         def act(problem: mb.Problem, state: jax.Array) -> jax.Array:
             plan = controller.init(problem)
-            return controller.act(problem, mb.Belief(state, jnp.asarray(cov)), plan, jax.random.key(0))[0][0]
+            return controller.act(
+                problem, mb.Belief(state, jnp.asarray(cov)), plan, jax.random.key(0)
+            )[0][0]
 
         for state in underactuated.STATES:
             u = underactuated.exact(problem, along, temperature, state, problem.steps)
@@ -138,7 +150,9 @@ def test_the_increment_is_that_of_the_tilted_gaussian_by_quadrature(double_integ
     away = (F @ start - np.asarray(cost.goal))[:, None] + L[:, None] * eps
     weights = np.exp(-(eps**2) / 2 - np.asarray(cost.terminal_weight) @ away**2 / (2 * temperature))
     mean = weights @ eps / weights.sum()
-    assert underactuated.tilted_increment(problem, L, temperature, start, 1) == pytest.approx(mean, rel=1e-10)
+    assert underactuated.tilted_increment(problem, L, temperature, start, 1) == pytest.approx(
+        mean, rel=1e-10
+    )
 
 
 @pytest.fixture(scope="module")
@@ -182,11 +196,17 @@ def frozen(schedule: GainSchedule) -> tuple[jax.Array, jax.Array]:
 
 MUTATIONS = {
     "temperature": (pi, "weights", lambda S, temperature: WEIGHTS(S, 1.03 * temperature)),
-    "charge": (pi, "path_costs", lambda p, m, s, covs, charge, *costs: PATH_COSTS(p, m, s, covs, "end", *costs)),
+    "charge": (
+        pi,
+        "path_costs",
+        lambda p, m, s, covs, charge, *costs: PATH_COSTS(p, m, s, covs, "end", *costs),
+    ),
     "Sigma_k": (
         pi,
         "path_costs",
-        lambda p, m, s, covs, *rest: PATH_COSTS(p, m, s, jnp.broadcast_to(covs[0], covs.shape), *rest),
+        lambda p, m, s, covs, *rest: PATH_COSTS(
+            p, m, s, jnp.broadcast_to(covs[0], covs.shape), *rest
+        ),
     ),
     "L_k": (planner, "diffusion_factors", frozen),
 }
@@ -196,12 +216,17 @@ MUTATIONS = {
 def test_any_other_algorithm_shows_line_by_line(monkeypatch, x64, mutation):
     monkeypatch.setattr(*MUTATIONS[mutation])
     run = transient._run
-    monkeypatch.setattr(transient, "_run", lambda *args: run(*args))  # another function for the compiler
+    monkeypatch.setattr(
+        transient, "_run", lambda *args: run(*args)
+    )  # another function for the compiler
     check = transient.transient_check(jax.random.key(KEY))
     assert check.value > 1e4 * check.high
 
 
 def test_the_grids_expectations_are_those_of_the_closed_forms(x64):
     cost, cov = transient.transient_problem().cost, transient.COV
-    exact = [risk_sensitive(cost, jnp.asarray(m), jnp.asarray(cov), transient.THETA) for m in transient.STARTS]
+    exact = [
+        risk_sensitive(cost, jnp.asarray(m), jnp.asarray(cov), transient.THETA)
+        for m in transient.STARTS
+    ]
     np.testing.assert_allclose(transient.running(cost, transient.STARTS.T, cov), exact, rtol=1e-12)

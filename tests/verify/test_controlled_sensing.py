@@ -29,7 +29,9 @@ def test_two_states_are_matched_and_another_schedule_is_seen(x64):
     assert holds(cs._matched([way._replace(left=way.left + 1e-9)])) == [False, True]
 
 
-def test_the_value_is_met_at_order_one_and_a_diffusion_off_by_a_tenth_is_seen(four, x64, monkeypatch):
+def test_the_value_is_met_at_order_one_and_a_diffusion_off_by_a_tenth_is_seen(
+    four, x64, monkeypatch
+):
     assert holds(cs._value(four, 0)) == [True] * 4
     monkeypatch.setattr(cs, "_sampled", lambda way, seed: None)
     schedule = four.schedule._replace(diffusion=1.1 * four.schedule.diffusion)
@@ -75,7 +77,10 @@ def test_the_predicted_excess_is_that_of_the_estimator_itself():
     e = u + optimum.K @ mean
     forms = 0.5 * np.einsum("si,ij,sj->s", e, optimum.S, e)
     expected = first_step(optimum)
-    assert abs(N * forms.mean() / expected.per_sample - 1) < 4.5 * forms.std() / forms.mean() / draws**0.5 + 2 / N
+    assert (
+        abs(N * forms.mean() / expected.per_sample - 1)
+        < 4.5 * forms.std() / forms.mean() / draws**0.5 + 2 / N
+    )
 
 
 def first_step(optimum: sl.Optimum) -> sl.Expected:
@@ -92,7 +97,10 @@ def runs(excess: np.ndarray, off: float = 0.0) -> list[sl.Loops]:
     forms = np.asarray(excess)[:, None] * draws / draws.mean(axis=1, keepdims=True)
     noise = rng.normal(size=forms.shape)
     noise -= noise.mean(axis=1, keepdims=True) - off
-    return [sl.Loops(sl.optimal_cost(optimum) + form + more, form) for form, more in zip(forms, noise, strict=True)]
+    return [
+        sl.Loops(sl.optimal_cost(optimum) + form + more, form)
+        for form, more in zip(forms, noise, strict=True)
+    ]
 
 
 def test_loops_that_cost_otherwise_are_seen():

@@ -33,10 +33,16 @@ def test_it_holds(certificate):
 def test_the_reference_is_the_riccati_equations(x64):
     found = covariance.reference()
     cov = np.diag(np.square([0.5, 0.4, 0.3]))
-    exact = reference.riccati_flow(cov, covariance.A, covariance.Q, covariance.C, covariance.R_O, covariance.DURATION)
+    exact = reference.riccati_flow(
+        cov, covariance.A, covariance.Q, covariance.C, covariance.R_O, covariance.DURATION
+    )
     assert np.linalg.norm(found.cov - exact) < found.error
-    np.testing.assert_allclose(found.gain, exact @ covariance.C.T @ np.linalg.inv(covariance.R_O), atol=1e-9)
-    np.testing.assert_allclose(found.diffusion, found.gain @ covariance.R_O @ found.gain.T, atol=1e-12)
+    np.testing.assert_allclose(
+        found.gain, exact @ covariance.C.T @ np.linalg.inv(covariance.R_O), atol=1e-9
+    )
+    np.testing.assert_allclose(
+        found.diffusion, found.gain @ covariance.R_O @ found.gain.T, atol=1e-12
+    )
 
 
 def test_another_process_noise_than_the_filters_is_seen(monkeypatch, quick_x64):
@@ -82,7 +88,10 @@ def test_a_riccati_schedule_that_is_a_step_late_is_seen(part, monkeypatch, quick
 
 def test_an_ekf_that_is_not_numpys_recursion_is_seen(monkeypatch, quick_x64):
     monkeypatch.setattr(covariance, "Q", (1 + 1e-9) * covariance.Q)
-    assert [check.holds for check in covariance.independence(covariance.linear(0.1), 0)] == [True, False]
+    assert [check.holds for check in covariance.independence(covariance.linear(0.1), 0)] == [
+        True,
+        False,
+    ]
 
 
 def test_a_covariance_that_feels_the_controls_is_seen(monkeypatch, quick_x64):

@@ -46,9 +46,16 @@ def quadratic_plane(cost: mb.GoalObstacleCost, mean: np.ndarray, cov: np.ndarray
 
 def quadratic_case(seed: int) -> tuple[mb.GoalObstacleCost, np.ndarray, np.ndarray, er.Quadratic]:
     rng = np.random.default_rng(seed)
-    F, S, mean, goal = rng.normal(size=(2, 2)), rng.normal(size=(2, 2)), rng.normal(size=2), rng.normal(size=2)
+    F, S, mean, goal = (
+        rng.normal(size=(2, 2)),
+        rng.normal(size=(2, 2)),
+        rng.normal(size=2),
+        rng.normal(size=2),
+    )
     W, cov = F @ F.T + 0.1 * np.eye(2), 0.3 * S @ S.T + 0.1 * np.eye(2)
-    cost = mb.GoalObstacleCost(goal, W, W, [1, 1], mb.Obstacles(np.zeros((1, 2)), 0), w_obs=0, bump_width=1)
+    cost = mb.GoalObstacleCost(
+        goal, W, W, [1, 1], mb.Obstacles(np.zeros((1, 2)), 0), w_obs=0, bump_width=1
+    )
     return cost, mean, cov, er.Quadratic(cov @ W, mean - goal, W @ (mean - goal))
 
 
@@ -75,7 +82,11 @@ def test_a_wrong_weight_of_the_variance_is_seen(replaced):
 def test_a_variance_without_the_covariance_of_its_parts_is_seen(replaced):
     def wrong(cost: mb.GoalObstacleCost, mean: Array, cov: Array, theta: Array, risk: str) -> Array:
         m = running_moments(cost, mean, cov)
-        return m.base + m.penalty + theta / 2 * (m.penalty_var + (m.base_var if risk == "total" else 0))
+        return (
+            m.base
+            + m.penalty
+            + theta / 2 * (m.penalty_var + (m.base_var if risk == "total" else 0))
+        )
 
     replaced(wrong)
     cases = er.bump_expansions(np.random.default_rng(0))
@@ -85,7 +96,10 @@ def test_a_variance_without_the_covariance_of_its_parts_is_seen(replaced):
 
 def test_the_worst_of_several_costs_is_one_that_fails():
     near = Check("near its end", 0.99, -1.0, 1.0, "")
-    for bad in (Check("no number", math.nan, -1.0, 1.0, ""), Check("no band", 0.0, math.nan, math.nan, "")):
+    for bad in (
+        Check("no number", math.nan, -1.0, 1.0, ""),
+        Check("no band", 0.0, math.nan, math.nan, ""),
+    ):
         for checks in ([bad, near, near], [near, bad, near], [near, near, bad]):
             assert er._tightest(checks).computed.startswith(bad.computed)
             assert not er._tightest(checks).holds
@@ -119,7 +133,9 @@ def test_the_closed_form_of_a_quadratic_is_the_integral(seed, x64):
     summed = quadratic_plane(cost, mean, cov)
     np.testing.assert_allclose(summed.cumulants(), law.cumulants(), rtol=1e-9)
     for part in (0.01, 0.1, 0.3):
-        assert summed.entropic_risk(part * law.pole) == pytest.approx(law.entropic_risk(part * law.pole), rel=1e-9)
+        assert summed.entropic_risk(part * law.pole) == pytest.approx(
+            law.entropic_risk(part * law.pole), rel=1e-9
+        )
 
 
 def test_beyond_its_pole_a_quadratic_has_no_finite_risk(monkeypatch, x64):
@@ -138,7 +154,9 @@ def test_beyond_its_pole_a_quadratic_has_no_finite_risk(monkeypatch, x64):
 def test_the_plane_has_the_packages_moments(penalty, x64):
     m = running_moments(er.goal_cost(), *er.beside())
     np.testing.assert_allclose(penalty.cumulants()[:2], [m.penalty, m.penalty_var], rtol=1e-12)
-    np.testing.assert_allclose(penalty.coarser().cumulants()[:2], [m.penalty, m.penalty_var], rtol=1e-12)
+    np.testing.assert_allclose(
+        penalty.coarser().cumulants()[:2], [m.penalty, m.penalty_var], rtol=1e-12
+    )
 
 
 @settings(max_examples=40, deadline=None)

@@ -98,8 +98,12 @@ def test_the_paths_are_those_of_a_loop(setting, rng):
     with float64():
         problem, terms = with_grid(matched, 0.8, 4), setting[2]
         eps = rng.normal(size=(4, 1, 3))
-        costs, pushed = quick_jit(sampled_costs)(problem, matched.theta, np.array([0.7]), along, eps)
-        np.testing.assert_allclose(np.abs(pushed), np.sqrt(terms.diffusion) * np.abs(eps), rtol=1e-12)
+        costs, pushed = quick_jit(sampled_costs)(
+            problem, matched.theta, np.array([0.7]), along, eps
+        )
+        np.testing.assert_allclose(
+            np.abs(pushed), np.sqrt(terms.diffusion) * np.abs(eps), rtol=1e-12
+        )
         for i in range(3):
             mu, total = np.array([0.7]), 0.0
             for k in range(4):

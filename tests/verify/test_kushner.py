@@ -36,7 +36,9 @@ def test_no_channel_makes_mass_and_the_moments_move_as_on_the_line(slope, u, Q, 
     drift = model.f + model.G * u
     np.testing.assert_allclose([a.sum(), b.sum()], 0, atol=1e-13 * scale)
     np.testing.assert_allclose(on.x @ a, drift @ p[:, 0] * on.h, atol=1e-12 * scale)
-    np.testing.assert_allclose(on.x**2 @ a, (2 * on.x * drift + Q) @ p[:, 0] * on.h, atol=1e-11 * scale)
+    np.testing.assert_allclose(
+        on.x**2 @ a, (2 * on.x * drift + Q) @ p[:, 0] * on.h, atol=1e-11 * scale
+    )
     # Cov(x, x + 0.4 x^2) = S (1 + 0.8 mean) under a Gaussian
     np.testing.assert_allclose(on.x @ b, 0.3 * (1 + 0.8 * mean) / R_o, rtol=1e-9, atol=1e-9)
 
@@ -87,10 +89,14 @@ def test_the_steady_density_of_a_well_is_boltzmanns():
 def test_bayes_rule_is_kalmans_on_a_gaussian(dy, dt, R_o, gain):
     on = kushner.grid(-12, 12, 600)
     p = kushner.gaussian(on, 0.4, 0.25)[:, None]
-    mean, variance = kushner.moments(on, kushner.observe(on, p, gain * on.x[:, None], R_o, np.array([dy]), dt))
+    mean, variance = kushner.moments(
+        on, kushner.observe(on, p, gain * on.x[:, None], R_o, np.array([dy]), dt)
+    )
     expected = 1 / (1 / 0.25 + gain**2 * dt / R_o)
     np.testing.assert_allclose(variance, expected, rtol=1e-9)
-    np.testing.assert_allclose(mean, expected * (0.4 / 0.25 + gain * dy / R_o), rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(
+        mean, expected * (0.4 / 0.25 + gain * dy / R_o), rtol=1e-9, atol=1e-9
+    )
 
 
 def test_far_increments_leave_a_density():
@@ -115,21 +121,29 @@ def test_the_filter_is_the_slow_one():
             p = p / (p.sum() * on.h)
             mean = on.x @ p * on.h
             np.testing.assert_allclose(found.mean[k + 1, path], mean, atol=1e-6)
-            np.testing.assert_allclose(found.variance[k + 1, path], (on.x - mean) ** 2 @ p * on.h, atol=1e-6)
+            np.testing.assert_allclose(
+                found.variance[k + 1, path], (on.x - mean) ** 2 @ p * on.h, atol=1e-6
+            )
 
 
 @pytest.mark.parametrize("convention", ["intensity", "sample"])
 def test_a_systems_coefficients_are_the_systems(convention):
     with float64():
         on = kushner.grid(-1, 1, 7)
-        model = kushner.coefficients(mb.ScalarLinear(-0.5, 0.8, 1.2, 0.6, 0.4, convention), on, 0.05)
+        model = kushner.coefficients(
+            mb.ScalarLinear(-0.5, 0.8, 1.2, 0.6, 0.4, convention), on, 0.05
+        )
     np.testing.assert_allclose(model.f, -0.5 * on.x)
     np.testing.assert_allclose(model.G, 0.8)
     np.testing.assert_allclose(model.c, 1.2 * on.x)
-    np.testing.assert_allclose([model.Q, model.R_o], [0.36, 0.16 * (0.05 if convention == "sample" else 1)])
+    np.testing.assert_allclose(
+        [model.Q, model.R_o], [0.36, 0.16 * (0.05 if convention == "sample" else 1)]
+    )
 
 
 def test_extrapolation_takes_the_second_order_term_out():
     exact, error = np.array([1.0]), np.array([0.3])
-    found = kushner.extrapolated(Moments(exact + error, exact + 4 * error), Moments(exact + error / 4, exact + error))
+    found = kushner.extrapolated(
+        Moments(exact + error, exact + 4 * error), Moments(exact + error / 4, exact + error)
+    )
     np.testing.assert_allclose(found, [exact, exact])

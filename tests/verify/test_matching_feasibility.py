@@ -33,11 +33,22 @@ def test_the_certificate_holds(found):
 
 def test_all_relations_of_the_ranges_occur():
     chosen = list(certificate.cases(np.random.default_rng(0)))
-    assert {(case.included, case.equal) for case in chosen} == {(True, True), (True, False), (False, False)}
+    assert {(case.included, case.equal) for case in chosen} == {
+        (True, True),
+        (True, False),
+        (False, False),
+    }
     assert {case.G.shape for case in chosen} == {(n, nu) for n in range(1, 6) for nu in range(1, 6)}
     for case in chosen:  # what is known of them, by NumPy alone
         rank = np.linalg.matrix_rank
-        both = rank(np.hstack([case.G / max(np.linalg.norm(case.G), 1e-9), case.D / max(np.linalg.norm(case.D), 1e-9)]))
+        both = rank(
+            np.hstack(
+                [
+                    case.G / max(np.linalg.norm(case.G), 1e-9),
+                    case.D / max(np.linalg.norm(case.D), 1e-9),
+                ]
+            )
+        )
         assert (both == rank(case.G)) == case.included
         assert (rank(case.D) == rank(case.G) and case.included) == case.equal
 
@@ -48,9 +59,21 @@ def test_all_relations_of_the_ranges_occur():
         # a verdict by rank alone; by nothing; the row space's part forgotten
         ("range_included", lambda D, G: numerical_rank(D) <= numerical_rank(G), {RANKS}),
         ("feasible_weight", lambda D, G, t: feasible_weight(D, G, t) * (1 + 1e-12), {WEIGHT}),
-        ("feasible_weight", lambda D, G, t: feasible_weight(D, G, t) + 1e-6 * np.eye(G.shape[1]), {WEIGHT, SINGULAR}),
-        ("feasible_weight", lambda D, G, t: feasible_weight(D, G, t) - 1e-6 * np.eye(G.shape[1]), {NEGATIVE}),
-        ("feasible_control_weight", lambda D, G, t: 2 * feasible_control_weight(D, G, t), {CONTROL}),
+        (
+            "feasible_weight",
+            lambda D, G, t: feasible_weight(D, G, t) + 1e-6 * np.eye(G.shape[1]),
+            {WEIGHT, SINGULAR},
+        ),
+        (
+            "feasible_weight",
+            lambda D, G, t: feasible_weight(D, G, t) - 1e-6 * np.eye(G.shape[1]),
+            {NEGATIVE},
+        ),
+        (
+            "feasible_control_weight",
+            lambda D, G, t: 2 * feasible_control_weight(D, G, t),
+            {CONTROL},
+        ),
         ("best_weight", lambda D, G: 1.01 * best_weight(D, G), {LEAST}),
     ],
 )
@@ -93,7 +116,9 @@ def test_the_kernel_gets_the_geometric_mean(rng, x64):
 
 
 def test_no_control_and_no_diffusion_match_with_any_weight(x64):
-    np.testing.assert_array_equal(feasible_control_weight(np.zeros((2, 2)), np.zeros((2, 3)), 1.0), np.eye(3))
+    np.testing.assert_array_equal(
+        feasible_control_weight(np.zeros((2, 2)), np.zeros((2, 3)), 1.0), np.eye(3)
+    )
     np.testing.assert_array_equal(feasible_weight(np.zeros((2, 2)), np.ones((2, 1)), 1.0), [[0.0]])
 
 

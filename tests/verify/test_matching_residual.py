@@ -37,7 +37,9 @@ def test_a_wrong_closed_form_is_seen(x64, monkeypatch):
     rest = {name: certificate.closed_form(certificate.SIGMAS, name) for name in certificate.METHOD}
     monkeypatch.setattr(certificate, "at_rest", lambda sigma_o, name: rest[name])
     assert failing(certificate._at_rest()) == []
-    monkeypatch.setattr(certificate, "closed_form", lambda *arguments: right(*arguments) * (1 + 1e-10))
+    monkeypatch.setattr(
+        certificate, "closed_form", lambda *arguments: right(*arguments) * (1 + 1e-10)
+    )
     assert len(failing(certificate._at_rest())) == 2
     monkeypatch.setattr(certificate, "closed_form", right)
     monkeypatch.setattr(certificate, "at_rest", lambda sigma_o, name: rest[name][::-1])
@@ -94,14 +96,25 @@ def test_the_closed_forms_are_those_of_the_riccati_equations(sigma_o):
     def residual(K):
         return np.sqrt(1 - (K[1] ** 2 / (K[0] ** 2 + K[1] ** 2)) ** 2)
 
-    S = solve_continuous_are(np.array([[0.0, 0], [1, 0]]), C.T, np.diag([0, q]), sigma_o**2 * np.eye(1))
-    assert certificate.closed_form(sigma_o, "intensity") == pytest.approx(residual(S[:, 0]), rel=1e-9)
+    S = solve_continuous_are(
+        np.array([[0.0, 0], [1, 0]]), C.T, np.diag([0, q]), sigma_o**2 * np.eye(1)
+    )
+    assert certificate.closed_form(sigma_o, "intensity") == pytest.approx(
+        residual(S[:, 0]), rel=1e-9
+    )
     for dt in (0.1, 0.5):
-        P = solve_discrete_are(np.array([[1.0, 0], [dt, 1]]), C.T, np.diag([0, q * dt]), sigma_o**2 * np.eye(1))
-        assert certificate.closed_form(sigma_o, "sample", dt) == pytest.approx(residual(P[:, 0]), rel=1e-9)
+        P = solve_discrete_are(
+            np.array([[1.0, 0], [dt, 1]]), C.T, np.diag([0, q * dt]), sigma_o**2 * np.eye(1)
+        )
+        assert certificate.closed_form(sigma_o, "sample", dt) == pytest.approx(
+            residual(P[:, 0]), rel=1e-9
+        )
 
 
 def test_sampling_an_intensity_ever_faster_tends_to_it_at_second_order():
     limit = certificate.closed_form(0.1, "intensity")
-    errors = [float(certificate.closed_form(0.1 / dt**0.5, "sample", dt) - limit) for dt in (0.2, 0.1, 0.05, 0.025)]
+    errors = [
+        float(certificate.closed_form(0.1 / dt**0.5, "sample", dt) - limit)
+        for dt in (0.2, 0.1, 0.05, 0.025)
+    ]
     np.testing.assert_allclose(np.log2(np.array(errors[:-1]) / errors[1:]), 2, atol=0.05)

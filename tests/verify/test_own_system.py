@@ -76,7 +76,15 @@ class Risky:
 
 
 def found(problem: mb.Problem, temperature: float = 0.6, theta: float = 0.5) -> Certificate:
-    return what_holds(problem, mb.EKF(), Risky(0.5, theta), temperature, seed=0, name="mine", settings="system=mine")
+    return what_holds(
+        problem,
+        mb.EKF(),
+        Risky(0.5, theta),
+        temperature,
+        seed=0,
+        name="mine",
+        settings="system=mine",
+    )
 
 
 def broken(certificate: Certificate) -> set[int]:
@@ -123,7 +131,12 @@ def planar(A: list, B: list, sensors: Sequence[float] = (0.5,)) -> mb.Problem:
     system = mb.Linear(A, B, np.eye(len(sensors), 2), 0.3 * np.eye(2), list(sensors), "intensity")
     none, R = mb.Obstacles(np.zeros((0, 2)), 0), np.ones(np.shape(B)[1])
     return mb.Problem(
-        system, mb.GoalObstacleCost([0.0, 0], [1.0, 1], [1.0, 1], R, none, 0, 1), [1.0, 1], [0.4, 0.4], 0.1, 5
+        system,
+        mb.GoalObstacleCost([0.0, 0], [1.0, 1], [1.0, 1], R, none, 0, 1),
+        [1.0, 1],
+        [0.4, 0.4],
+        0.1,
+        5,
     )
 
 
@@ -176,7 +189,15 @@ def test_a_singular_sensor_is_one_line():
 
 
 def test_a_controller_without_risk_has_no_expansion_to_check():
-    made = what_holds(Scalar().problem(), mb.EKF(), Feedback(0.5), 0.6, seed=0, name="mine", settings="system=mine")
+    made = what_holds(
+        Scalar().problem(),
+        mb.EKF(),
+        Feedback(0.5),
+        0.6,
+        seed=0,
+        name="mine",
+        settings="system=mine",
+    )
     assert len(made.checks) == EXPANSION
 
 
@@ -194,7 +215,9 @@ def test_the_light_dark_system_is_affine_with_noise_that_is_not_constant():
 
 
 def test_the_command_says_and_writes_it(tmp_path, capsys):
-    said = call(tmp_path, capsys, "verify", "system=scalar_linear", "controller=lqg", "problem.steps=4")
+    said = call(
+        tmp_path, capsys, "verify", "system=scalar_linear", "controller=lqg", "problem.steps=4"
+    )
     assert said.code == 0, said.err
     assert "What holds for system=scalar_linear, controller=lqg, problem.steps=4" in said.out
     assert "exact for the mean's equation (12)" in said.out
@@ -202,6 +225,13 @@ def test_the_command_says_and_writes_it(tmp_path, capsys):
 
 
 def test_a_system_that_cannot_be_built_is_one_line(tmp_path, capsys):
-    said = call(tmp_path, capsys, "verify", "system=scalar_linear", "system.sensor_noise=-1", "controller=lqg")
+    said = call(
+        tmp_path,
+        capsys,
+        "verify",
+        "system=scalar_linear",
+        "system.sensor_noise=-1",
+        "controller=lqg",
+    )
     assert said.code == 2
     assert said.err.startswith("mppi-belief: system.sensor_noise must be")

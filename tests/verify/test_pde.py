@@ -14,7 +14,9 @@ from mppi_belief.verify import pde
 A, D, TEMPERATURE, DURATION = 0.3, 0.7, 0.6, 1.0
 
 
-def equation(q: pde.Quadratic, phi: pde.Quadratic, bump: float = 0.0, **others: float) -> pde.Equation:
+def equation(
+    q: pde.Quadratic, phi: pde.Quadratic, bump: float = 0.0, **others: float
+) -> pde.Equation:
     """A quadratic cost, with a bump on the way if asked for."""
     rest = {"drift": A, "diffusion": D, "authority": D / TEMPERATURE, "temperature": TEMPERATURE}
     return pde.Equation(
@@ -40,7 +42,9 @@ def test_the_far_field_is_the_riccati_solution():
     terms = equation(pde.Quadratic(0.0, 0.0, 1.3), pde.Quadratic(0.0, 0.0, 0.9))
     _, s, p = pde.far_field(terms, terms.authority, np.array([0.0, DURATION]))
     R = 1 / terms.authority
-    assert -p[0] * 1.1 / R == pytest.approx(reference.lqg_feedback(A, 1.0, R, 1.3, 0.9, 1.1, DURATION), rel=1e-9)
+    assert -p[0] * 1.1 / R == pytest.approx(
+        reference.lqg_feedback(A, 1.0, R, 1.3, 0.9, 1.1, DURATION), rel=1e-9
+    )
     assert p[1] == pytest.approx(0.9)
     np.testing.assert_allclose(s, 0, atol=1e-12)
 
@@ -49,11 +53,14 @@ def test_the_far_field_solves_the_bellman_equation():
     """By differences in time, at any mean, and for another authority than the matched one."""
     terms, authority, mu, dt = quadratic_equation(), 0.8, np.array([-1.0, 0.4, 2.0]), 1e-4
     before, now, after = (
-        pde.Quadratic(*np.reshape(pde.far_field(terms, authority, np.array([t])), 3)) for t in (0.4 - dt, 0.4, 0.4 + dt)
+        pde.Quadratic(*np.reshape(pde.far_field(terms, authority, np.array([t])), 3))
+        for t in (0.4 - dt, 0.4, 0.4 + dt)
     )
     rate = (pde.quadratic(after, mu) - pde.quadratic(before, mu)) / (2 * dt)
     gradient = now.slope + now.curvature * mu
-    right = terms.running(mu) + A * mu * gradient + D / 2 * now.curvature - authority / 2 * gradient**2
+    right = (
+        terms.running(mu) + A * mu * gradient + D / 2 * now.curvature - authority / 2 * gradient**2
+    )
     np.testing.assert_allclose(-rate, right, atol=1e-6)
 
 
@@ -78,7 +85,9 @@ def test_the_method_of_lines_is_exact_for_quadratics_but_for_its_tolerance(cells
 
 def test_the_method_of_lines_is_of_fourth_order_with_a_bump():
     terms = quadratic_equation(bump=1.5)
-    values = [pde.value(terms, pde.grid(terms, 60 * refine, 4))[0][:, ::refine] for refine in (1, 2, 4, 8)]
+    values = [
+        pde.value(terms, pde.grid(terms, 60 * refine, 4))[0][:, ::refine] for refine in (1, 2, 4, 8)
+    ]
     changes = [np.max(np.abs(fine - coarse)) for coarse, fine in itertools.pairwise(values)]
     np.testing.assert_allclose(observed_orders(changes)[-1], 4, atol=0.3)
 
@@ -101,7 +110,9 @@ def test_the_desirability_is_that_of_a_stiff_integrator():
         )
 
     start = np.exp(-terms.terminal(mu) / TEMPERATURE)[1:-1]
-    found = solve_ivp(rate, (0, 0.2), start, "LSODA", lband=1, uband=1, rtol=1e-8, atol=1e-12).y[:, -1]
+    found = solve_ivp(rate, (0, 0.2), start, "LSODA", lband=1, uband=1, rtol=1e-8, atol=1e-12).y[
+        :, -1
+    ]
     np.testing.assert_allclose(pde.desirability(terms, on)[128, 1:-1], found, rtol=2e-3, atol=1e-6)
 
 
@@ -143,15 +154,22 @@ def test_two_steps_with_a_bump_are_the_double_integral():
         return float(np.exp(-terms.running(np.array([value])) * dt / TEMPERATURE)[0])
 
     def last(mu: float) -> float:
-        return average(lambda x: float(np.exp(-terms.terminal(np.array([x])) / TEMPERATURE)[0]), mu) * one(mu)
+        return average(
+            lambda x: float(np.exp(-terms.terminal(np.array([x])) / TEMPERATURE)[0]), mu
+        ) * one(mu)
 
     def average(fn, mu: float) -> float:
         centre = mu * (1 + A * dt)
         density = lambda x: np.exp(-(((x - centre) / std) ** 2) / 2) / (std * np.sqrt(2 * np.pi))  # noqa: E731
-        return quad(lambda x: fn(x) * density(x), centre - 9 * std, centre + 9 * std, epsabs=1e-11)[0]
+        return quad(lambda x: fn(x) * density(x), centre - 9 * std, centre + 9 * std, epsabs=1e-11)[
+            0
+        ]
 
     psi = average(last, mean)
-    moved = [average(lambda x, p=p: last(x) * (x - mean * (1 + A * dt)) ** p, mean) / psi / dt**p for p in (1, 2)]
+    moved = [
+        average(lambda x, p=p: last(x) * (x - mean * (1 + A * dt)) ** p, mean) / psi / dt**p
+        for p in (1, 2)
+    ]
     assert np.exp(discrete.log_psi(np.array([mean])))[0] == pytest.approx(psi * one(mean), rel=1e-8)
     found = discrete.increment(np.array([mean]))
     np.testing.assert_allclose(np.ravel(found), [moved[0], moved[1] - moved[0] ** 2], rtol=1e-6)

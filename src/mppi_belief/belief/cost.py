@@ -57,7 +57,9 @@ def risk_sensitive(
 
 
 def _charged(m: CostMoments, penalty: Array, theta: Array | float, risk: str) -> Array:
-    total = jnp.maximum(m.base_var + 2 * m.covariance + m.penalty_var, 0.0)  # quadrature weights may be negative
+    total = jnp.maximum(
+        m.base_var + 2 * m.covariance + m.penalty_var, 0.0
+    )  # quadrature weights may be negative
     variance = m.penalty_var if risk == "penalty" else total
     return m.base + penalty + 0.5 * theta * variance
 
@@ -92,7 +94,9 @@ def mixture_risk_sensitive(
     m = mixture_moments(cost, weights, means, covs)
     return _charged(
         m,
-        m.penalty if expectation == "exact" else dot(weights, [cost.penalty(mean) for mean in means]),
+        m.penalty
+        if expectation == "exact"
+        else dot(weights, [cost.penalty(mean) for mean in means]),
         theta,
         risk,
     )
@@ -112,4 +116,6 @@ def expected_terminal(cost: Cost, mean: Array, cov: Array) -> Array:
 
 def mixture_terminal(cost: Cost, weights: Array, means: Array, covs: Array) -> Array:
     """The same of a mixture."""
-    return dot(weights, [expected_terminal(cost, mean, cov) for mean, cov in zip(means, covs, strict=True)])
+    return dot(
+        weights, [expected_terminal(cost, mean, cov) for mean, cov in zip(means, covs, strict=True)]
+    )

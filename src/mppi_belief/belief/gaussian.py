@@ -54,7 +54,9 @@ class MixtureBelief(NamedTuple):
     def root(self) -> Array:
         """A root (nx, nx) of it."""
         columns = jnp.concatenate([self.roots, (self.means - self.mean)[:, :, None]], axis=2)
-        return triangular_root(jnp.concatenate(list(columns * jnp.sqrt(self.weights)[:, None, None]), axis=1))
+        return triangular_root(
+            jnp.concatenate(list(columns * jnp.sqrt(self.weights)[:, None, None]), axis=1)
+        )
 
 
 def prior(problem: Problem) -> Belief:
@@ -88,7 +90,11 @@ def drawn_mode(problem: Problem, key: Array, shape: tuple[int, ...] = ()) -> Bel
 
 def rooted(belief: Any) -> Array:
     """A root (nx, nx) of a belief's covariance: its own, if it has one."""
-    return belief.root if isinstance(belief, RootBelief | MixtureBelief) else semidefinite_root(belief.cov)
+    return (
+        belief.root
+        if isinstance(belief, RootBelief | MixtureBelief)
+        else semidefinite_root(belief.cov)
+    )
 
 
 def covariance(root: Array) -> Array:

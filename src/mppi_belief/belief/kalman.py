@@ -31,7 +31,9 @@ def _ahead(problem: Problem, mean: Array, root: Array, u: Array) -> tuple[Array,
     """Mean and root one step later: F Sigma F' + Q dt is M M' with M = [F root, H sqrt(dt)]."""
     system, dt = problem.system, problem.dt
     F = jax.jacfwd(lambda x: euler_step(system, x, u, dt))(mean)
-    return euler_step(system, mean, u, dt), triangular_root(jnp.hstack([F @ root, system.H * jnp.sqrt(dt)]))
+    return euler_step(system, mean, u, dt), triangular_root(
+        jnp.hstack([F @ root, system.H * jnp.sqrt(dt)])
+    )
 
 
 def aimed(problem: Problem, mean: Array, root: Array, sampled: bool = True) -> Problem:
@@ -42,7 +44,9 @@ def aimed(problem: Problem, mean: Array, root: Array, sampled: bool = True) -> P
     belief is the predicted one, before a measurement every dt; otherwise it is that of (8) at t.
     """
     turn = getattr(problem.system, "aimed", None)
-    return problem if turn is None else replace(problem, system=turn(mean, root, problem.dt, sampled))
+    return (
+        problem if turn is None else replace(problem, system=turn(mean, root, problem.dt, sampled))
+    )
 
 
 def aimed_ahead(problem: Problem, belief: Any, u: Array) -> Problem:
@@ -57,7 +61,9 @@ def correct(problem: Problem, belief: Belief | RootBelief, y: Array) -> RootBeli
     """The belief after the measurement y (ny,), its noise taken at the predicted mean."""
     problem = aimed(problem, belief.mean, rooted(belief))
     mean, root, K, _ = _measured(problem, belief.mean, rooted(belief))
-    return RootBelief(mean + K @ measurement_difference(problem.system, y, problem.system.c(mean)), root)
+    return RootBelief(
+        mean + K @ measurement_difference(problem.system, y, problem.system.c(mean)), root
+    )
 
 
 def _measured(problem: Problem, mean: Array, root: Array) -> tuple[Array, Array, Array, Array]:
@@ -79,6 +85,8 @@ def forecast(problem: Problem, belief: Belief | RootBelief, u: Array) -> tuple[A
     return system.c(ahead), spread + measurement_cov(system, ahead, dt)
 
 
-def filter_step(problem: Problem, mean: Array, root: Array, u: Array) -> tuple[Array, Array, Array, Array]:
+def filter_step(
+    problem: Problem, mean: Array, root: Array, u: Array
+) -> tuple[Array, Array, Array, Array]:
     mean, root, K, moves = _measured(problem, *_ahead(problem, mean, root, u))
     return mean, root, K, covariance(moves) / problem.dt

@@ -16,14 +16,28 @@ where m = (d_i + d_j) / 2 and e = z_i - z_j.
 import jax.numpy as jnp
 from jax import Array
 
-from ..numerics.linalg import Vector, apply, as_matrix, dot, log_det_1p, minus, quadratic_form, spd_inverse, symmetrise
+from ..numerics.linalg import (
+    Vector,
+    apply,
+    as_matrix,
+    dot,
+    log_det_1p,
+    minus,
+    quadratic_form,
+    spd_inverse,
+    symmetrise,
+)
 
 
-def quadratic_moments(mean: Vector, cov: Array, reference: Array, weight: Array) -> tuple[Array, Array]:
+def quadratic_moments(
+    mean: Vector, cov: Array, reference: Array, weight: Array
+) -> tuple[Array, Array]:
     """Expectation (eq. (4)) and variance of the quadratic, both (); weight (nx,) or (nx, nx)."""
     offset, spread = minus(mean, reference), as_matrix(weight) @ cov
     expectation = 0.5 * (dot(apply(weight, offset), offset) + jnp.trace(spread))
-    return expectation, 0.5 * jnp.sum(spread * spread.T) + quadratic_form(cov, apply(weight, offset))
+    return expectation, 0.5 * jnp.sum(spread * spread.T) + quadratic_form(
+        cov, apply(weight, offset)
+    )
 
 
 def bump_sum(x: Vector, centers: Array, width: Array | float) -> Array:
@@ -32,7 +46,9 @@ def bump_sum(x: Vector, centers: Array, width: Array | float) -> Array:
     return sum((jnp.exp(-0.5 / width**2 * dot(d, d)) for d in offsets), jnp.zeros_like(x[0]))
 
 
-def bump_sum_moments(mean: Vector, cov: Array, centers: Array, width: Array | float) -> tuple[Array, Array]:
+def bump_sum_moments(
+    mean: Vector, cov: Array, centers: Array, width: Array | float
+) -> tuple[Array, Array]:
     """Expectation and variance, both (), of the sum of bumps at centers (n, d)."""
     A, M1 = _scaled(cov, centers, width)
     M2 = spd_inverse(jnp.eye(len(A), dtype=A.dtype) + 2 * A)
@@ -44,7 +60,9 @@ def bump_sum_moments(mean: Vector, cov: Array, centers: Array, width: Array | fl
         for j in range(i):
             apart = jnp.asarray(z - centers[j])
             log_ratio = (
-                log_gain - 0.25 * apart @ shrink @ apart + quadratic_form(spread, minus(mean, (z + centers[j]) / 2))
+                log_gain
+                - 0.25 * apart @ shrink @ apart
+                + quadratic_form(spread, minus(mean, (z + centers[j]) / 2))
             )
             variance += 2 * _product_gap(logs[i] + logs[j], log_ratio)
         variance += _product_gap(2 * logs[i], log_gain + quadratic_form(spread, minus(mean, z)))
@@ -66,7 +84,9 @@ def quadratic_bump_covariance(
     total = jnp.zeros_like(mean[0])
     for log, center in zip(_log_expectations(mean, A, M1, centers, width), centers, strict=True):
         shift = apply(-K, minus(mean, center))
-        total += jnp.exp(log) * (dot(shift, slope) + 0.5 * quadratic_form(weight, shift) - tightened)
+        total += jnp.exp(log) * (
+            dot(shift, slope) + 0.5 * quadratic_form(weight, shift) - tightened
+        )
     return total
 
 
@@ -77,9 +97,13 @@ def _scaled(cov: Array, centers: Array, width: Array | float) -> tuple[Array, Ar
     return A, spd_inverse(jnp.eye(d, dtype=cov.dtype) + A)
 
 
-def _log_expectations(mean: Vector, A: Array, M1: Array, centers: Array, width: Array | float) -> list[Array]:
+def _log_expectations(
+    mean: Vector, A: Array, M1: Array, centers: Array, width: Array | float
+) -> list[Array]:
     normaliser, form = 0.5 * log_det_1p(A), 0.5 * M1 / width**2
-    return [-normaliser - quadratic_form(form, minus(mean, center)) for center in jnp.asarray(centers)]
+    return [
+        -normaliser - quadratic_form(form, minus(mean, center)) for center in jnp.asarray(centers)
+    ]
 
 
 def _product_gap(log_product: Array, log_ratio: Array) -> Array:

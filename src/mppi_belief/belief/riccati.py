@@ -57,7 +57,10 @@ def riccati_root(root: Array, A: Array, Q: Array, C: Array, R_o: Array, dt: Arra
             triangular_root(jnp.hstack([V, F @ seen])),
         )
 
-    N, V = semidefinite_root(symmetrise(top @ flow[:n, n:])), semidefinite_root(symmetrise(flow[n:, :n] @ top))
+    N, V = (
+        semidefinite_root(symmetrise(top @ flow[:n, n:])),
+        semidefinite_root(symmetrise(flow[n:, :n] @ top)),
+    )
     F, N, V = jax.lax.fori_loop(0, doublings.astype(int), double, (top.T, N, V))
     return triangular_root(jnp.hstack([V, F @ absorb(root / unit, N.T, eye)[0]])) * unit
 
@@ -70,4 +73,6 @@ def _unit(norm: Array, information: Array) -> Array:
     """A unit of the state in which information counts as much as the other rates (a power of two, so exact): halved
     as often as a larger block needs, a smaller one would lose its digits."""
     known = information > 0
-    return 2.0 ** jnp.where(known, jnp.round(0.5 * (jnp.log2(norm) - jnp.log2(jnp.where(known, information, 1.0)))), 0)
+    return 2.0 ** jnp.where(
+        known, jnp.round(0.5 * (jnp.log2(norm) - jnp.log2(jnp.where(known, information, 1.0)))), 0
+    )

@@ -28,7 +28,11 @@ class GainSchedule(NamedTuple):
 
 
 def gain_schedule(
-    problem: Problem, belief: Belief | RootBelief, controls: Array, method: str = "filter", means: Array | None = None
+    problem: Problem,
+    belief: Belief | RootBelief,
+    controls: Array,
+    method: str = "filter",
+    means: Array | None = None,
 ) -> GainSchedule:
     """The schedule along the mean that `controls` (T, nu) lead to from `belief`, or along given `means` (T, nx) of
     t_1..t_T.
@@ -38,7 +42,9 @@ def gain_schedule(
     """
     step = {"filter": filter_step, "riccati": _riccati_schedule_step}[method]
 
-    def advance(at: tuple[Array, Array], given: tuple[Array, Array | None]) -> tuple[tuple[Array, Array], tuple]:
+    def advance(
+        at: tuple[Array, Array], given: tuple[Array, Array | None]
+    ) -> tuple[tuple[Array, Array], tuple]:
         u, replaced = given
         mean, root, gain, diffusion = step(problem, *at, u)
         mean = mean if replaced is None else replaced
@@ -50,13 +56,20 @@ def gain_schedule(
     return GainSchedule(mean, cov, gain, diffusion)
 
 
-def _riccati_schedule_step(problem: Problem, mean: Array, root: Array, u: Array) -> tuple[Array, Array, Array, Array]:
+def _riccati_schedule_step(
+    problem: Problem, mean: Array, root: Array, u: Array
+) -> tuple[Array, Array, Array, Array]:
     system, dt = aimed(problem, mean, root, sampled=False).system, problem.dt
     A = jax.jacfwd(lambda x: system.f(x) + system.G(x) @ u)(mean)
     C = jax.jacfwd(system.c)(mean)
     R_o = measurement_intensity(system, mean, dt)
     K, D = kalman_bucy(covariance(root), C, R_o)
-    return euler_step(system, mean, u, dt), riccati_root(root, A, system.H @ system.H.T, C, R_o, dt), K, D
+    return (
+        euler_step(system, mean, u, dt),
+        riccati_root(root, A, system.H @ system.H.T, C, R_o, dt),
+        K,
+        D,
+    )
 
 
 def diffusion_factors(schedule: GainSchedule) -> tuple[Array, Array]:

@@ -14,8 +14,14 @@ def complete(args: Sequence[str]) -> int:
     line = os.environ.get("COMP_LINE", "")
     words = line.split()
     if any(arg.startswith("query=") for arg in args):
-        if len(words) < 2 or (len(words) == 2 and words[1] not in COMMANDS and not line.endswith(" ")):
-            print(" ".join(word for word in FIRST_WORDS if len(words) < 2 or word.startswith(words[1])))
+        if len(words) < 2 or (
+            len(words) == 2 and words[1] not in COMMANDS and not line.endswith(" ")
+        ):
+            print(
+                " ".join(
+                    word for word in FIRST_WORDS if len(words) < 2 or word.startswith(words[1])
+                )
+            )
             return 0
         if words[1] in ("results", "replay"):
             from .result_words import complete as complete_words

@@ -21,7 +21,9 @@ def as_csv(cells: Sequence[Contents]) -> tuple[str, int]:
     A float is its shortest text that is that very float (nan, inf and -inf too), nothing is an empty field.
     """
     lines = [line for contents in cells for line in _lines(contents)]
-    names = dict.fromkeys(["cell", "commit", *COLUMNS]) | dict.fromkeys(name for line in lines for name in line)
+    names = dict.fromkeys(["cell", "commit", *COLUMNS]) | dict.fromkeys(
+        name for line in lines for name in line
+    )
     text = io.StringIO()
     writer = csv.DictWriter(text, list(names), restval="", lineterminator="\n")
     writer.writeheader()
@@ -34,7 +36,10 @@ def _lines(contents: Contents) -> Iterator[dict[str, str]]:
     for values in rows.to_dict("records"):
         source = find(values["trial"], values["_file"])
         swept = {name: value for name, value in _swept(source).items() if name not in COLUMNS}
-        row = {name: None if name in _TEXT and pd.isna(values[name]) else values[name] for name in COLUMNS}
+        row = {
+            name: None if name in _TEXT and pd.isna(values[name]) else values[name]
+            for name in COLUMNS
+        }
         yield {"cell": contents.folder.name, "commit": commit(source, short=False)} | {
             name: _exact(value) for name, value in (row | swept).items()
         }

@@ -43,8 +43,14 @@ def main() -> int:
         return _guarded(lambda: _stoppable(lambda: verify(args[1:])))
     if args[0] in ("results", "replay"):
         return _guarded(lambda: _stoppable(lambda: _tool(args[0], args[1:])))
-    guess = f"; did you mean `mppi-belief run {' '.join(args)}`?" if "=" in args[0] or args[0].startswith("-") else ""
-    return _complain(f"unknown command '{args[0]}'{guess or '; see mppi-belief --help'}", INPUT_ERROR)
+    guess = (
+        f"; did you mean `mppi-belief run {' '.join(args)}`?"
+        if "=" in args[0] or args[0].startswith("-")
+        else ""
+    )
+    return _complain(
+        f"unknown command '{args[0]}'{guess or '; see mppi-belief --help'}", INPUT_ERROR
+    )
 
 
 def _guarded(command: Callable[[], int]) -> int:
@@ -134,7 +140,11 @@ def run(args: Sequence[str]) -> int:
     root, n_trials = Path(first["results_dir"]), first["n_trials"]
     shard = WHOLE if first["shard"] is None else Shard.parse(first["shard"])
     order = Order(n_trials, shard, retry_failed, first["trial_timeout"])
-    count = 1 if first["platform"] == "gpu" and first["executor"]["kind"] == "local" else first["workers"]
+    count = (
+        1
+        if first["platform"] == "gpu" and first["executor"]["kind"] == "local"
+        else first["workers"]
+    )
     setup = Setup(import_paths, variables)
     workers = executors.workers(first["executor"], count, setup, environment.in_force())
     task = Task(check, run_trials, time_steps, failed_row, record, device)
@@ -162,7 +172,9 @@ def report(args: Sequence[str]) -> int:
     if not all(composed.values()):  # --cfg, --info
         return 0
     first = composed[names[0]][0]
-    theory = None if chosen else Path(first["verify_dir"])  # chosen studies are a report of those alone
+    theory = (
+        None if chosen else Path(first["verify_dir"])
+    )  # chosen studies are a report of those alone
     return 0 if write(studies, theory, Path(first["report_dir"]), overrides) else SOME_FAILED
 
 
@@ -178,7 +190,9 @@ def verify(args: Sequence[str]) -> int:
     names = list(dict.fromkeys(word for word in words if word not in overrides))
     for name in names:
         if name not in NAMES:
-            raise ConfigError(unknown_key(name, NAMES, what="certificate", see="mppi-belief verify --help"))
+            raise ConfigError(
+                unknown_key(name, NAMES, what="certificate", see="mppi-belief verify --help")
+            )
     configs = collect([*flags, *overrides])
     if not configs:  # --cfg, --info
         return 0
@@ -187,10 +201,14 @@ def verify(args: Sequence[str]) -> int:
     if configs[0]["platform"] != "cpu":
         raise ConfigError(f"platform={configs[0]['platform']}: verify computes on the CPU")
     about_system = [
-        word for word in overrides if _key(word) not in ("seed", "precision", "platform", "batch", *RUNTIME_KEYS)
+        word
+        for word in overrides
+        if _key(word) not in ("seed", "precision", "platform", "batch", *RUNTIME_KEYS)
     ]
     if about_system and names:
-        raise ConfigError(f"verify: either certificates or a system, not '{names[0]}' with '{about_system[0]}'")
+        raise ConfigError(
+            f"verify: either certificates or a system, not '{names[0]}' with '{about_system[0]}'"
+        )
     if folders and not about_system:
         raise ConfigError("verify: --config-dir is for a system; name it with system=NAME")
     from ..config import environment
@@ -240,7 +258,9 @@ def _certify(config: dict[str, Any], names: Sequence[str], command: list[str]) -
     return 0 if held and not lost else NOT_HELD
 
 
-def _what_holds(config: dict[str, Any], overrides: Sequence[str], folders: Sequence[str], command: list[str]) -> int:
+def _what_holds(
+    config: dict[str, Any], overrides: Sequence[str], folders: Sequence[str], command: list[str]
+) -> int:
     """Say which statements hold for the system of one configuration."""
     from ..config.targets import allow
     from ..report.sections.theory import show_system
@@ -260,7 +280,10 @@ def _what_holds(config: dict[str, Any], overrides: Sequence[str], folders: Seque
     settings = ", ".join([*(f"{group}={name}" for group, name in chosen.items()), *others])
     temperature, name = config["planner"]["temperature"], "-".join(chosen.values())
     made = what_holds(*build(config), temperature, config["seed"], name, settings)
-    store(folder, Stored(made, time.perf_counter() - began, provenance(command) | {"seed": config["seed"]}))
+    store(
+        folder,
+        Stored(made, time.perf_counter() - began, provenance(command) | {"seed": config["seed"]}),
+    )
     show_system(made, folder)
     return 0
 

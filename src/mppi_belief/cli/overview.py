@@ -20,10 +20,14 @@ def overview(cells: Sequence[Cell], root: Path, n_trials: int, outcome: Outcome)
         print(as_text([summarise(found.rows, found.labels, found.seconds) for found in founds]))
     ran, done = sum(outcome.ran.values()), sum(outcome.found.values())
     print(f"{ran} trials run, {done} found done; results in {root}")
-    pictures = [_draw(root / found.cell.id, found, fresh=outcome.ran[found.cell.id] > 0) for found in founds]
+    pictures = [
+        _draw(root / found.cell.id, found, fresh=outcome.ran[found.cell.id] > 0) for found in founds
+    ]
     drawn = [str(picture) for picture in pictures if picture is not None]
     if drawn:
-        print(f"picture{'s' if len(drawn) > 1 else ''}: {drawn[0] if len(drawn) == 1 else root / '*' / figures.NAME}")
+        print(
+            f"picture{'s' if len(drawn) > 1 else ''}: {drawn[0] if len(drawn) == 1 else root / '*' / figures.NAME}"
+        )
     return sum(bad)
 
 
@@ -50,5 +54,7 @@ def as_run(found: Found) -> figures.Run | None:
         return None
     hit = found.rows["collided"].fillna(False).astype(bool)
     collided = set(found.rows.loc[hit, "trial"]) & set(found.paths["trial"])
-    title = ", ".join(f"{name} {value}" for name, value in found.labels.items() if plain(value) != "-")
+    title = ", ".join(
+        f"{name} {value}" for name, value in found.labels.items() if plain(value) != "-"
+    )
     return figures.Run(found.paths, found.scene, collided, title)

@@ -72,7 +72,11 @@ def _find(contents: Contents, word: str) -> Kept:
     found = row_of(contents, int(word))
     if found is None:
         rows = contents.rows["trial"]
-        there = f"it has {len(rows)} trials, {rows.min()} to {rows.max()}" if len(rows) else "it has none"
+        there = (
+            f"it has {len(rows)} trials, {rows.min()} to {rows.max()}"
+            if len(rows)
+            else "it has none"
+        )
         raise ConfigError(f"{folder.name} has no trial {word}: {there}")
     kept = Kept(folder, int(word), found[0], path_of(contents, int(word)), found[1])
     missing = [key for key in IDENTITY if key not in kept.config]
@@ -81,7 +85,9 @@ def _find(contents: Contents, word: str) -> Kept:
             f"{folder.name} says nothing of '{missing[0]}': it was made by another version of mppi-belief"
         )
     if kept.source.get("algorithm") == ALGORITHM_VERSION and not belongs(kept.config, folder):
-        raise ConfigError(f"{folder.name}: the configuration of trial {word} is not that of this cell")
+        raise ConfigError(
+            f"{folder.name}: the configuration of trial {word} is not that of this cell"
+        )
     return kept
 
 
@@ -92,7 +98,9 @@ def _again(kept: Kept, now: dict[str, Any]) -> int:
 
     now["device"] = device(kept.config)
     row, source = kept.row, kept.source
-    print(f"{kept.folder.name}, trial {kept.trial}: {row['status']}, cost {row['cost']!r}, {_run(source)}")
+    print(
+        f"{kept.folder.name}, trial {kept.trial}: {row['status']}, cost {row['cost']!r}, {_run(source)}"
+    )
     changes = _changes(source, now)
     if changes:
         print(f"not as it was then: {'; '.join(changes)}")
@@ -100,9 +108,7 @@ def _again(kept: Kept, now: dict[str, Any]) -> int:
     found = differences(row, batch.rows[0], kept.path, batch.paths, kept.config["precision"])
     for one in found:
         print(_difference(one, kept.config["precision"]))
-    compared = (
-        f"{len(row)} values of its row, {f'{len(kept.path)} steps of its path' if kept.path else 'no path was kept'}"
-    )
+    compared = f"{len(row)} values of its row, {f'{len(kept.path)} steps of its path' if kept.path else 'no path was kept'}"
     print(f"{'NOT reproduced' if found else 'reproduced bit for bit'}: {compared}")
     sys.stdout.flush()
     _draw(kept, batch)
@@ -124,12 +130,20 @@ def _changes(then: dict[str, Any], now: dict[str, Any]) -> list[str]:
     pairs += [(f"code of {name}", code.get(name), value) for name, value in now["code"].items()]
     threads = then.get("threads") or {}
     pairs += [(name, threads.get(name), value) for name, value in now["threads"].items()]
-    return [f"{name} {one}, now {other}" for name, one, other in pairs if one is not None and one != other]
+    return [
+        f"{name} {one}, now {other}"
+        for name, one, other in pairs
+        if one is not None and one != other
+    ]
 
 
 def _difference(one: Any, precision: str) -> str:
     where = f" at {one.place}, the first of {one.values}" if one.place else ""
-    apart = "" if one.ulp is None else f"; {'at most ' if one.values > 1 else ''}{one.ulp} ulp of {precision} apart"
+    apart = (
+        ""
+        if one.ulp is None
+        else f"; {'at most ' if one.values > 1 else ''}{one.ulp} ulp of {precision} apart"
+    )
     return f"{one.name}{where}: {one.then!r}, now {one.now!r}{apart}"
 
 
@@ -150,7 +164,12 @@ def _draw(kept: Kept, batch: Any) -> None:
         print(f"no sampled paths in the picture ({type(error).__name__}: {error})", file=sys.stderr)
         samples = None
     told = labels(kept.config) | {"trial": kept.trial}
-    title = ", ".join(f"{name} {plain(value)}" for name, value in told.items() if plain(value) != "-")
+    title = ", ".join(
+        f"{name} {plain(value)}" for name, value in told.items() if plain(value) != "-"
+    )
     picture = kept.folder / f"replay-{kept.trial}.png"
-    figures.save(figures.one_trial(steps, batch.scene, samples, kept.config["names"]["controller"], title), picture)
+    figures.save(
+        figures.one_trial(steps, batch.scene, samples, kept.config["names"]["controller"], title),
+        picture,
+    )
     print(f"picture: {picture}")

@@ -23,7 +23,9 @@ class Words(NamedTuple):
     root: Path
 
 
-def read(args: Sequence[str], command: str, flags: Collection[str] = (), valued: Collection[str] = ()) -> Words:
+def read(
+    args: Sequence[str], command: str, flags: Collection[str] = (), valued: Collection[str] = ()
+) -> Words:
     """Sort the arguments of a command that takes these options, without and with a value; raises `ConfigError`."""
     words, left = list[str](), list(args)
     options: dict[str, list[str]] = {}
@@ -38,11 +40,17 @@ def read(args: Sequence[str], command: str, flags: Collection[str] = (), valued:
         elif name in valued:
             raise ConfigError(f"{name}: needs a value")
         elif arg.startswith("-"):
-            raise ConfigError(unknown_key(arg, [*flags, *valued], what="option", see=f"mppi-belief {command} --help"))
+            raise ConfigError(
+                unknown_key(
+                    arg, [*flags, *valued], what="option", see=f"mppi-belief {command} --help"
+                )
+            )
         elif name == "results_dir" and equals:
             root = value
         elif _SETTING.fullmatch(arg):
-            raise ConfigError(unknown_key(name, ["results_dir"], see=f"mppi-belief {command} --help"))
+            raise ConfigError(
+                unknown_key(name, ["results_dir"], see=f"mppi-belief {command} --help")
+            )
         else:
             words.append(arg)
     if not root.strip():
@@ -55,7 +63,9 @@ def complete(words: Sequence[str], begun: bool) -> list[str]:
     *before, last = words if begun else [*words, ""]
     command, *rest = before or [last]
     given = [word for word in rest if not _SETTING.fullmatch(word) and not word.startswith("-")]
-    subcommands = ["show", "export", "compact", "verify"] if command == "results" and not given else []
+    subcommands = (
+        ["show", "export", "compact", "verify"] if command == "results" and not given else []
+    )
     options = ["results_dir="]
     if subcommands:
         return [word for word in [*subcommands, *options] if word.startswith(last)]

@@ -27,7 +27,11 @@ def results(args: Sequence[str]) -> int:
     told = read(args, "results", flags=["--csv"], valued=["--to"])
     command, *rest = told.words or [""]
     if command not in _COMMANDS:
-        raise ConfigError(unknown_key(command, [*filter(None, _COMMANDS)], "command", "mppi-belief results --help"))
+        raise ConfigError(
+            unknown_key(
+                command, [*filter(None, _COMMANDS)], "command", "mppi-belief results --help"
+            )
+        )
     for option in told.options:
         if command != "export":
             raise ConfigError(f"{option} is an option of mppi-belief results export")
@@ -83,7 +87,10 @@ def _compact(told: Words) -> int:
         _complain(merged[-1].problems)
         if merged[-1].files[0] != merged[-1].files[1] or merged[-1].bytes[0] != merged[-1].bytes[1]:
             print(f"{folder.name}: {_change(merged[-1].files, merged[-1].bytes)}")
-    before, after = ((sum(one.files[at] for one in merged), sum(one.bytes[at] for one in merged)) for at in (0, 1))
+    before, after = (
+        (sum(one.files[at] for one in merged), sum(one.bytes[at] for one in merged))
+        for at in (0, 1)
+    )
     print(f"{len(folders)} cells: {_change((before[0], after[0]), (before[1], after[1]))}")
     return 0
 
@@ -101,7 +108,9 @@ def _verify(told: Words) -> int:
         for line in problems:
             print(line if line.startswith(str(folder)) else f"{folder}: {line}", flush=True)
         wrong += len(problems)
-        checked += len(contents.parts) + len(contents.paths) + len(contents.notes) + len(contents.problems)
+        checked += (
+            len(contents.parts) + len(contents.paths) + len(contents.notes) + len(contents.problems)
+        )
         blind += unhashed(contents)
     without = f" ({blind} tables of format 1 carry no hash of their values)" if blind else ""
     print(f"{len(folders)} cells, {checked} files checked{without}: {_count(wrong)}")

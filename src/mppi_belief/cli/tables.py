@@ -18,14 +18,24 @@ def listing(cells: Sequence[Contents]) -> str:
     """A table with a line for each cell: rows by status, settings, files, size, age, commit, algorithm."""
     rows = [contents.rows for contents in cells]
     ended = [counts(one) for one in rows]
-    statuses = dict.fromkeys(status for one in sorted(ended, key=lambda one: "ok" not in one) for status in one)
-    told = [{name: plain(value) for name, value in settings(contents).items()} for contents in cells]
+    statuses = dict.fromkeys(
+        status for one in sorted(ended, key=lambda one: "ok" not in one) for status in one
+    )
+    told = [
+        {name: plain(value) for name, value in settings(contents).items()} for contents in cells
+    ]
     lines = []
     for contents, count, labels in zip(cells, ended, told, strict=True):
         there = files(contents.folder)
-        line = {"cell": contents.folder.name} | {status: str(count.get(status, "-")) for status in statuses}
+        line = {"cell": contents.folder.name} | {
+            status: str(count.get(status, "-")) for status in statuses
+        }
         line |= {name: labels.get(name, "-") for name in _telling(told)}
-        line |= {"files": str(len(there)), "size": bytes_in_words(size(there)), "age": time_in_words(age(there))}
+        line |= {
+            "files": str(len(there)),
+            "size": bytes_in_words(size(there)),
+            "age": time_in_words(age(there)),
+        }
         line |= {"commit": _all(commit(source) for source in contents.sources)}
         line |= {"algorithm": _all(source.get("algorithm", "-") for source in contents.sources)}
         lines.append(line | {"note": _note(contents)})
@@ -57,15 +67,24 @@ def description(contents: Contents) -> str:
     note = _note(contents)
     parts = [contents.folder.name + (f" ({note})" if note else "")]
     parts.append(
-        OmegaConf.to_yaml(OmegaConf.create(contents.config)).rstrip() if contents.config else "no configuration"
+        OmegaConf.to_yaml(OmegaConf.create(contents.config)).rstrip()
+        if contents.config
+        else "no configuration"
     )
     parts += [_run(source) for source in runs(contents, rows)]
     parts.append("\n".join([*_statuses(rows)] or ["no rows"]))
-    labels = {name: value for name, value in settings(contents).items() if name in ("controller", *ALWAYS)}
+    labels = {
+        name: value for name, value in settings(contents).items() if name in ("controller", *ALWAYS)
+    }
     if len(rows):
         parts.append(as_text([summarise(rows, labels, _seconds(contents))]))
     width = max((len(path.name) for path in files(contents.folder)), default=0)
-    parts.append("\n".join(f"{path.name:{width}}  {bytes_in_words(size([path]))}" for path in files(contents.folder)))
+    parts.append(
+        "\n".join(
+            f"{path.name:{width}}  {bytes_in_words(size([path]))}"
+            for path in files(contents.folder)
+        )
+    )
     return "\n\n".join(parts)
 
 
@@ -79,7 +98,9 @@ def _run(source: dict[str, Any]) -> str:
         "started": source.get("started", "-"),
         "commit": commit(source, short=False),
         "algorithm": source.get("algorithm", "-"),
-        "machine": ", ".join(str(source[name]) for name in ("device", "processor", "platform") if source.get(name)),
+        "machine": ", ".join(
+            str(source[name]) for name in ("device", "processor", "platform") if source.get(name)
+        ),
         "versions": ", ".join(f"{name} {version}" for name, version in versions.items()),
     }
     return "\n".join(f"{name:9}  {value}" for name, value in lines.items())
@@ -91,7 +112,8 @@ def _statuses(rows: pd.DataFrame) -> list[str]:
     for status, count in counts(rows).items():
         first = rows[rows["status"] == status].iloc[0]
         lines.append(
-            f"{count} {status}" + ("" if status == "ok" else f", e.g. trial {first['trial']}: {first['error']}")
+            f"{count} {status}"
+            + ("" if status == "ok" else f", e.g. trial {first['trial']}: {first['error']}")
         )
     return lines
 

@@ -25,9 +25,13 @@ class Cell(NamedTuple):
     @property
     def id(self) -> str:
         """Controller and hash: what makes two cells the same, whoever runs them, with how many trials or workers."""
-        identity = canonical({key: self.config[key] for key in IDENTITY} | {"algorithm": ALGORITHM_VERSION})
+        identity = canonical(
+            {key: self.config[key] for key in IDENTITY} | {"algorithm": ALGORITHM_VERSION}
+        )
         text = json.dumps(identity, sort_keys=True, separators=(",", ":"), allow_nan=False)
-        return f"{self.config['names']['controller']}-{hashlib.sha256(text.encode()).hexdigest()[:12]}"
+        return (
+            f"{self.config['names']['controller']}-{hashlib.sha256(text.encode()).hexdigest()[:12]}"
+        )
 
 
 def batches(trials: Sequence[int], size: int) -> Iterator[tuple[int, ...]]:

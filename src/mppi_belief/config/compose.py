@@ -59,19 +59,29 @@ def compose(args: Sequence[str], job: Callable[[Any], None]) -> None:
     sys.argv = ["mppi-belief", *flags, *overrides]  # the only order that argparse takes
     said = io.StringIO()
     prints = any(flag.partition("=")[0] in PRINTING for flag in flags)
-    if not prints and any(flag.partition("=")[0] in ("--package", "-p", "--resolve") for flag in flags):
+    if not prints and any(
+        flag.partition("=")[0] in ("--package", "-p", "--resolve") for flag in flags
+    ):
         raise ConfigError("--package and --resolve go with --cfg")
     with tempfile.TemporaryDirectory(prefix="mppi-belief-") as scratch:
         os.environ["MPPI_BELIEF_SCRATCH"] = scratch  # what Hydra would take for the folder of a run
         try:
             with contextlib.redirect_stderr(said):
-                if folders or not prints:  # what somebody else's yaml says is looked at before Hydra acts on it
+                if (
+                    folders or not prints
+                ):  # what somebody else's yaml says is looked at before Hydra acts on it
                     multirun = any(flag in ("-m", "--multirun") for flag in flags)
                     for composed in jobs(conf_dir(), folders, overrides, multirun):
                         if not prints:
-                            job(OmegaConf.masked_copy(composed, [key for key in composed if key != "hydra"]))
+                            job(
+                                OmegaConf.masked_copy(
+                                    composed, [key for key in composed if key != "hydra"]
+                                )
+                            )
                 if prints:
-                    hydra.main(version_base="1.3", config_path=str(conf_dir()), config_name="config")(job)()
+                    hydra.main(
+                        version_base="1.3", config_path=str(conf_dir()), config_name="config"
+                    )(job)()
         except SystemExit as stop:
             if stop.code not in (None, 0):
                 last = (said.getvalue().strip().splitlines() or ["cannot be understood"])[-1]
@@ -111,8 +121,14 @@ def _check_words(words: Sequence[str]) -> None:
         key = word.lstrip("+~").partition("=")[0]
         for part in re.split(r"[@:]", key):
             named = re.split(r"[./\s]", part.strip())[0]
-            if named == "hydra" and key != "hydra.mode" and not key.startswith("hydra.sweeper.params"):
-                raise ConfigError(f"{key} cannot be set; only hydra.mode and hydra.sweeper.params are heeded")
+            if (
+                named == "hydra"
+                and key != "hydra.mode"
+                and not key.startswith("hydra.sweeper.params")
+            ):
+                raise ConfigError(
+                    f"{key} cannot be set; only hydra.mode and hydra.sweeper.params are heeded"
+                )
 
 
 def grids(args: Sequence[str]) -> list[list[str]]:
@@ -126,8 +142,12 @@ def grids(args: Sequence[str]) -> list[list[str]]:
         group, _, study = arg.partition("=")
         if group == "experiment":
             folders = [folder / group for folder in (conf_dir(), *map(Path, parse(args)[2]))]
-            files = {path.stem: path for folder in folders for path in sorted(folder.glob("*.yaml"))}
-            if study not in files or swept(files[study]) & {word.partition("=")[0].lstrip("+~") for word in args}:
+            files = {
+                path.stem: path for folder in folders for path in sorted(folder.glob("*.yaml"))
+            }
+            if study not in files or swept(files[study]) & {
+                word.partition("=")[0].lstrip("+~") for word in args
+            }:
                 return made
             more = [option for option in sorted(files) if option.startswith(f"{study}.")]
             made += [[*args[:at], f"{group}={option}", *args[at + 1 :]] for option in more]
@@ -153,9 +173,16 @@ def collect(args: Sequence[str]) -> list[dict[str, Any]]:
         settings = HydraConfig.get()
         names = _chosen(settings.runtime.choices, config)
         keys = [override.lstrip("+~").partition("=")[0] for override in settings.overrides.task]
-        swept = [key for key in keys if key.split(".")[0] not in (*RUNTIME_KEYS, "sweep", "experiment")]
+        swept = [
+            key for key in keys if key.split(".")[0] not in (*RUNTIME_KEYS, "sweep", "experiment")
+        ]
         configs.append(config)
-        labels.append({"names": names, "swept": {key: names.get(key) or _scalar(config, key) for key in swept}})
+        labels.append(
+            {
+                "names": names,
+                "swept": {key: names.get(key) or _scalar(config, key) for key in swept},
+            }
+        )
 
     for group in ("sweep", "experiment"):
         if any(arg.startswith(f"{group}=") and "," in arg for arg in args):
@@ -173,7 +200,9 @@ def collect(args: Sequence[str]) -> list[dict[str, Any]]:
         raise ConfigError("platform cannot be swept: a study is run on one device")
     folders = parse(args)[2]
     codes = [{"code": fingerprints(config, folders)} for config in configs]
-    return [config | label | code for config, label, code in zip(configs, labels, codes, strict=True)]
+    return [
+        config | label | code for config, label, code in zip(configs, labels, codes, strict=True)
+    ]
 
 
 def _chosen(choices: Any, config: dict[str, Any]) -> dict[str, str]:
@@ -182,7 +211,11 @@ def _chosen(choices: Any, config: dict[str, Any]) -> dict[str, str]:
     A system's file may give the cost itself, which then goes by the system's name.
     """
     for group, option in choices.items():
-        if option is not None and not re.fullmatch(r"\w[\w.-]*", str(option)) and not group.startswith("hydra"):
+        if (
+            option is not None
+            and not re.fullmatch(r"\w[\w.-]*", str(option))
+            and not group.startswith("hydra")
+        ):
             raise ConfigError(f"{group}={option}: an option is one word")
     options = dict(choices)
     if options.get("cost") is None and config.get("cost"):

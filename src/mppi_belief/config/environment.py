@@ -23,7 +23,9 @@ _XLA = (
     "--xla_backend_extra_options=xla_cpu_small_while_loop_byte_threshold=1000000",
     "--xla_cpu_prefer_vector_width=512",  # a third off the cost of exponentials where the CPU has AVX-512
 )
-_XLA_GPU = ("--xla_gpu_deterministic_ops=true",)  # else the fastest of several algorithms, as timed in that very run
+_XLA_GPU = (
+    "--xla_gpu_deterministic_ops=true",
+)  # else the fastest of several algorithms, as timed in that very run
 
 
 def cache_dir() -> Path:

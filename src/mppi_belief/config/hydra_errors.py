@@ -41,9 +41,7 @@ def _unknown_key(found: re.Match[str], conf: Path) -> str:
     parent = key.rpartition(".")[0]
     known = _known_keys(parent, conf)
     if key in known:
-        return (
-            f"'{key}' is a key of another {parent.partition('.')[0]} than the one chosen; see mppi-belief run --cfg job"
-        )
+        return f"'{key}' is a key of another {parent.partition('.')[0]} than the one chosen; see mppi-belief run --cfg job"
     return unknown_key(key, known)
 
 
@@ -93,7 +91,13 @@ _RULES = [
     (r"Ambiguous value for argument '(?P<override>[^']+)'", _ambiguous),
     (r"Could not override '(?P<key>[^']+)'.*is not in struct", _unknown_key),
     (r"Key '[^']+' (?:is not in struct|not in '[^']+')\s+full_key: (?P<key>\S+)", _unknown_key),
-    (r"Could not override '(?P<key>[^'=@]+)(?:@[^']*)?'\.?\s*(?:No match in|Did you mean)", _unknown_key),
-    (r"Value '(?P<value>[^']*)'.*?could not be converted to (?P<type>\w+)\s+full_key: (?P<key>\S+)", _bad_value),
+    (
+        r"Could not override '(?P<key>[^'=@]+)(?:@[^']*)?'\.?\s*(?:No match in|Did you mean)",
+        _unknown_key,
+    ),
+    (
+        r"Value '(?P<value>[^']*)'.*?could not be converted to (?P<type>\w+)\s+full_key: (?P<key>\S+)",
+        _bad_value,
+    ),
     (r"In '(?P<file>[^']+)': \w+ raised while composing config:\s+(?P<why>[^\n]+)", _inside),
 ]

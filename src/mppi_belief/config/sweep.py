@@ -17,7 +17,14 @@ from ..errors import ConfigError
 from .yaml_files import read_yaml
 
 MOST_JOBS = 10_000  # of a sweep
-OURS = ("mode", "sweeper", "runtime", "overrides", "job", "searchpath")  # of Hydra's settings: ours, or told by it
+OURS = (
+    "mode",
+    "sweeper",
+    "runtime",
+    "overrides",
+    "job",
+    "searchpath",
+)  # of Hydra's settings: ours, or told by it
 
 
 def jobs(conf: Path, folders: Sequence[str], words: Sequence[str], multirun: bool) -> Iterator[Any]:
@@ -64,7 +71,9 @@ def _teach_hydra() -> None:
         def load_config(self, config_path: str) -> ConfigResult:
             text, config = read_yaml(Path(self.path, self._normalize_file_name(config_path)))
             header = self._get_header_dict(text[:512])
-            return ConfigResult(config=config, path=f"file://{self.path}", provider=self.provider, header=header)
+            return ConfigResult(
+                config=config, path=f"file://{self.path}", provider=self.provider, header=header
+            )
 
     Plugins.instance().register(CheckedFileSource)
 
@@ -83,7 +92,9 @@ def _loader(path: Any) -> Any:
     return Hydra.create_main_hydra2("mppi-belief", path).config_loader
 
 
-def _composed(loader: Any, words: list[str], multirun: bool, usual: dict[str, Any] | None) -> Iterator[Any]:
+def _composed(
+    loader: Any, words: list[str], multirun: bool, usual: dict[str, Any] | None
+) -> Iterator[Any]:
     """The configuration of the one job, or of each of a sweep."""
     from hydra.types import RunMode
 
@@ -97,7 +108,9 @@ def _composed(loader: Any, words: list[str], multirun: bool, usual: dict[str, An
     params = OmegaConf.to_container(main.hydra.sweeper, resolve=True)
     swept = params.get("params") or {} if isinstance(params, dict) else {}
     task: Any = OmegaConf.to_container(main.hydra.overrides.task, resolve=False)
-    for job in _product(loader, [*(f"{key}={value}" for key, value in swept.items()), *map(str, task)]):
+    for job in _product(
+        loader, [*(f"{key}={value}" for key, value in swept.items()), *map(str, task)]
+    ):
         config = loader.load_sweep_config(main, job)
         _refuse_others(config, usual)
         yield config
@@ -108,7 +121,9 @@ def _sweeps(loader: Any, words: list[str]) -> bool:
     from hydra.types import RunMode
 
     try:
-        main = loader.load_configuration("config", words, RunMode.MULTIRUN, validate_sweep_overrides=False)
+        main = loader.load_configuration(
+            "config", words, RunMode.MULTIRUN, validate_sweep_overrides=False
+        )
     except Exception:
         return False
     return bool(main.hydra.mode == RunMode.MULTIRUN)
@@ -125,7 +140,9 @@ def _product(loader: Any, words: list[str]) -> Iterator[list[str]]:
             choices[key] = [f"{key}={override.get_value_element_as_str()}"]
             continue
         if not override.is_discrete_sweep() or _is_long(override.value()):
-            raise ConfigError(f"{override.input_line}: a sweep takes a list of at most {MOST_JOBS} values")
+            raise ConfigError(
+                f"{override.input_line}: a sweep takes a list of at most {MOST_JOBS} values"
+            )
         values = [f"{key}={value}" for value in override.sweep_string_iterator()]
         if not values:
             raise ConfigError(f"{override.input_line}: no value to sweep over")
@@ -148,7 +165,9 @@ def _usual(conf: Path) -> dict[str, Any]:
     from hydra._internal.utils import create_config_search_path
     from hydra.types import RunMode
 
-    return _settings(_loader(create_config_search_path(str(conf))).load_configuration("config", [], RunMode.RUN))
+    return _settings(
+        _loader(create_config_search_path(str(conf))).load_configuration("config", [], RunMode.RUN)
+    )
 
 
 def _settings(config: Any) -> dict[str, Any]:
@@ -163,4 +182,6 @@ def _refuse_others(config: Any, usual: dict[str, Any] | None) -> None:
     if usual is not None:
         for key, value in _settings(config).items():
             if value != usual.get(key):
-                raise ConfigError(f"hydra.{key} cannot be set; only hydra.mode and hydra.sweeper.params are heeded")
+                raise ConfigError(
+                    f"hydra.{key} cannot be set; only hydra.mode and hydra.sweeper.params are heeded"
+                )

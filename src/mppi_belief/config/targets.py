@@ -82,7 +82,9 @@ def _find(top: str, folders: Sequence[str], what: str) -> ModuleSpec:
         raise ConfigError(f"{what}: {RULE}")
     loaded = getattr(sys.modules.get(top), "__spec__", None)
     if top in sys.stdlib_module_names or (loaded and loaded.origin != spec.origin):
-        raise ConfigError(f"{what}: {top} is another module's name already; give yours a name of its own")
+        raise ConfigError(
+            f"{what}: {top} is another module's name already; give yours a name of its own"
+        )
     return spec
 
 

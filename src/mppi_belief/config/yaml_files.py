@@ -36,7 +36,9 @@ def read_yaml(path: Path) -> tuple[str, Any]:
     except ConfigError:
         raise
     except Exception as error:
-        raise ConfigError(f"{path}: {str(error).partition(chr(10))[0] or type(error).__name__}") from error
+        raise ConfigError(
+            f"{path}: {str(error).partition(chr(10))[0] or type(error).__name__}"
+        ) from error
 
 
 def _too_much(text: str) -> str | None:

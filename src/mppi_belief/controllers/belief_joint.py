@@ -60,17 +60,23 @@ class JointBelief:
         info = pi.PlanInfo(pi.effective_sample_size(w), nominal_cost, planned, means, w)
         return improved[0], pi.receded(improved), info
 
-    def state_costs(self, problem: Problem, start: RootBelief, controls: Array) -> tuple[Array, Array]:
+    def state_costs(
+        self, problem: Problem, start: RootBelief, controls: Array
+    ) -> tuple[Array, Array]:
         """State costs (N,) and means (H, nx, N) of the paths that controls (H, nu, N) lead along."""
         cost, samples = problem.cost, controls.shape[-1]
 
         def running(mean: Array, cov: Array) -> Array:
             return risk_sensitive(cost, mean, cov, self.theta, self.risk, self.expectation)
 
-        move = componentwise(lambda mean, root, u: filter_step(problem, mean, root, u)[:2], (True, True, True))
+        move = componentwise(
+            lambda mean, root, u: filter_step(problem, mean, root, u)[:2], (True, True, True)
+        )
         spread, charged = componentwise(covariance, (True,)), componentwise(running, (True, True))
 
-        def advance(at: tuple[Array, Array, Array], u: Array) -> tuple[tuple[Array, Array, Array], Array]:
+        def advance(
+            at: tuple[Array, Array, Array], u: Array
+        ) -> tuple[tuple[Array, Array, Array], Array]:
             mean, root, total = at
             # the barriers keep XLA from computing the filter anew for every term of the cost
             after = jax.lax.optimization_barrier(move(mean, root, u))
@@ -79,6 +85,10 @@ class JointBelief:
             return (*after, total + rate * problem.dt), after[0]
 
         mean, root = (jnp.broadcast_to(part[..., None], (*part.shape, samples)) for part in start)
-        (mean, root, total), means = jax.lax.scan(advance, (mean, root, jnp.zeros(samples)), controls)
-        last = componentwise(lambda mean, root: expected_terminal(cost, mean, covariance(root)), (True, True))
+        (mean, root, total), means = jax.lax.scan(
+            advance, (mean, root, jnp.zeros(samples)), controls
+        )
+        last = componentwise(
+            lambda mean, root: expected_terminal(cost, mean, covariance(root)), (True, True)
+        )
         return total + last(mean, root), means

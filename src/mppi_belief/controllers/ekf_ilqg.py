@@ -40,10 +40,18 @@ class EKFiLQG:
         self, problem: Problem, belief: Belief, plan: ilqr.Policy, key: Array
     ) -> tuple[Array, ilqr.Policy, ilqr.Info]:
         """The converged plan's first control with its feedback (nu,), the plan shifted by one step, diagnostics."""
-        cost = ilqr.state_cost(problem, lambda x: certainty_equivalent(problem.cost, x), self.horizon, self.charge)
+        cost = ilqr.state_cost(
+            problem, lambda x: certainty_equivalent(problem.cost, x), self.horizon, self.charge
+        )
         settings = ilqr.Settings(
             self.tolerance, self.max_iterations, self.damping, self.damping_factor, self.damping_max
         )
-        policy, value, iterations, converged = ilqr.solve(problem, cost, plan, belief.mean, settings)
+        policy, value, iterations, converged = ilqr.solve(
+            problem, cost, plan, belief.mean, settings
+        )
         u = policy.controls[0] + policy.gains[0] @ (belief.mean - policy.states[0])
-        return u, ilqr.shifted(policy), ilqr.Info(jnp.full((), jnp.nan), value, iterations, converged)
+        return (
+            u,
+            ilqr.shifted(policy),
+            ilqr.Info(jnp.full((), jnp.nan), value, iterations, converged),
+        )

@@ -29,7 +29,9 @@ from ..problem import Belief, Problem
 from ..structs import choice, number, size, struct
 
 Rate = Callable[[Array, Array], Array]
-Sampler = Callable[[Array, int], tuple[Array, Array, Array]]  # key, N -> increments, means, what (19) adds to costs
+Sampler = Callable[
+    [Array, int], tuple[Array, Array, Array]
+]  # key, N -> increments, means, what (19) adds to costs
 
 
 @struct
@@ -76,16 +78,22 @@ class MPPIBelief:
         """The zero nominal (H, nu)."""
         return jnp.zeros((self.horizon, problem.cost.R.shape[0]))
 
-    def act(self, problem: Problem, belief: Belief, plan: Array, key: Array) -> tuple[Array, Array, pi.PlanInfo]:
+    def act(
+        self, problem: Problem, belief: Belief, plan: Array, key: Array
+    ) -> tuple[Array, Array, pi.PlanInfo]:
         """The control (nu,), the nominal shifted by one step (H, nu), diagnostics."""
         if self.proposal == "laplace" and self.diffusion == "innovation":
             raise ValueError("proposal=laplace moves the control: it needs diffusion=matched")
         if isinstance(belief, MixtureBelief) and self._sees_components():
             if self.proposal == "laplace":
-                raise ValueError("proposal=laplace plans from one Gaussian: it needs plan_from=moments")
+                raise ValueError(
+                    "proposal=laplace plans from one Gaussian: it needs plan_from=moments"
+                )
             return self._act_on_mixture(problem, belief, plan, key)
         mean, schedule = belief.mean, gain_schedule(problem, belief, plan, self.schedule)
-        draw = (self._nominal if self.proposal == "nominal" else self._laplace)(problem, mean, schedule, plan)
+        draw = (self._nominal if self.proposal == "nominal" else self._laplace)(
+            problem, mean, schedule, plan
+        )
 
         def paths(key: Array, n: int) -> tuple[Array, Array, Array]:
             increments, means, correction = draw(key, n)
@@ -97,7 +105,9 @@ class MPPIBelief:
         info = pi.PlanInfo(pi.effective_sample_size(w), nominal_cost, schedule.cov, means, w)
         return improved[0], self._carry(improved), info
 
-    def _nominal(self, problem: Problem, mean: Array, schedule: GainSchedule, plan: Array) -> Sampler:
+    def _nominal(
+        self, problem: Problem, mean: Array, schedule: GainSchedule, plan: Array
+    ) -> Sampler:
         """Samples about the nominal."""
         weight = pi.girsanov_weight(problem, self.temperature, self.control_std, self.alpha)
 
@@ -108,7 +118,9 @@ class MPPIBelief:
 
         return draw
 
-    def _laplace(self, problem: Problem, mean: Array, schedule: GainSchedule, plan: Array) -> Sampler:
+    def _laplace(
+        self, problem: Problem, mean: Array, schedule: GainSchedule, plan: Array
+    ) -> Sampler:
         """Samples from the optimal policy of the expansion about the nominal, some of them about the nominal itself."""
         aim = proposals.reference(problem, plan, self.temperature, self.control_std, self.alpha)
         running, terminal = self._rates(problem)
@@ -123,8 +135,13 @@ class MPPIBelief:
         guide = proposals.laplace(cost, problem, schedule.mean, aim, self.temperature, fallback)
 
         def draw(key: Array, n: int) -> tuple[Array, Array, Array]:
-            eps, second = self._normals(key, plan.shape[1], n), proposals.about_nominal(n, self.antithetic)
-            controls, means, density = proposals.rollouts(problem, mean, (guide, fallback), second, eps)
+            eps, second = (
+                self._normals(key, plan.shape[1], n),
+                proposals.about_nominal(n, self.antithetic),
+            )
+            controls, means, density = proposals.rollouts(
+                problem, mean, (guide, fallback), second, eps
+            )
             correction = proposals.correction(aim, self.temperature, controls, density)
             return controls - plan[:, :, None], means, correction
 
@@ -132,23 +149,31 @@ class MPPIBelief:
 
     def _sees_components(self) -> bool:
         """Whether a mixture is more to it than its mean and covariance."""
-        return (self.plan_from, self.evaluate, self.diffusion) == ("components", "belief", "matched")
+        return (self.plan_from, self.evaluate, self.diffusion) == (
+            "components",
+            "belief",
+            "matched",
+        )
 
     def _act_on_mixture(
         self, problem: Problem, belief: MixtureBelief, plan: Array, key: Array
     ) -> tuple[Array, Array, pi.PlanInfo]:
         """The same with every component's means (m, nx) and covariances (m, nx, nx) in the place of one."""
-        schedules = jax.vmap(lambda mean, root: gain_schedule(problem, RootBelief(mean, root), plan, self.schedule))(
-            belief.means, belief.roots
-        )
+        schedules = jax.vmap(
+            lambda mean, root: gain_schedule(problem, RootBelief(mean, root), plan, self.schedule)
+        )(belief.means, belief.roots)
         nominal, covs = jnp.swapaxes(schedules.mean, 0, 1), jnp.swapaxes(schedules.cov, 0, 1)
         weight = pi.girsanov_weight(problem, self.temperature, self.control_std, self.alpha)
 
         def paths(key: Array, n: int) -> tuple[Array, Array, Array]:
             increments, _ = self._sample(problem, schedules, key, n)
             controls = plan[:, :, None] + increments
-            means = jax.vmap(lambda mean: pi.rollouts(problem, mean, controls), out_axes=1)(belief.means)
-            costs = self._mixture_costs(problem, belief, means, covs) + pi.girsanov(plan, increments, weight)
+            means = jax.vmap(lambda mean: pi.rollouts(problem, mean, controls), out_axes=1)(
+                belief.means
+            )
+            costs = self._mixture_costs(problem, belief, means, covs) + pi.girsanov(
+                plan, increments, weight
+            )
             return increments, costs, jnp.einsum("i,hi...->h...", belief.weights, means)
 
         change, w, means = pi.weighted_in_blocks(paths, key, self.n_samples, self.temperature)
@@ -158,13 +183,17 @@ class MPPIBelief:
         info = pi.PlanInfo(pi.effective_sample_size(w), nominal_cost, planned, means, w)
         return improved[0], self._carry(improved), info
 
-    def _mixture_costs(self, problem: Problem, belief: MixtureBelief, means: Array, covs: Array) -> Array:
+    def _mixture_costs(
+        self, problem: Problem, belief: MixtureBelief, means: Array, covs: Array
+    ) -> Array:
         """Path costs (N,) for means (H, m, nx, N) along covs (H+1, m, nx, nx)."""
         cost, weights = problem.cost, belief.weights
         starts = jnp.broadcast_to(belief.means[:, :, None], means.shape[1:])
 
         def running(mus: Array, covs: Array) -> Array:
-            return mixture_risk_sensitive(cost, weights, mus, covs, self.theta, self.risk, self.expectation)
+            return mixture_risk_sensitive(
+                cost, weights, mus, covs, self.theta, self.risk, self.expectation
+            )
 
         def terminal(mus: Array, covs: Array) -> Array:
             return mixture_terminal(cost, weights, mus, covs)
@@ -172,14 +201,21 @@ class MPPIBelief:
         return pi.path_costs(problem, starts, means, covs, self.charge, running, terminal)
 
     def _rollouts(
-        self, problem: Problem, mean: Array, plan: Array, increments: Array, disturbance: Array | None
+        self,
+        problem: Problem,
+        mean: Array,
+        plan: Array,
+        increments: Array,
+        disturbance: Array | None,
     ) -> Array:
         """Means (H, nx, N): the increments move the control (matched), or the disturbance the mean (innovation)."""
         nominal = jnp.broadcast_to(plan[:, :, None], increments.shape)
         controls = nominal + increments if disturbance is None else nominal
         return pi.rollouts(problem, mean, controls, disturbance)
 
-    def _sample(self, problem: Problem, schedule: GainSchedule, key: Array, n: int) -> tuple[Array, Array | None]:
+    def _sample(
+        self, problem: Problem, schedule: GainSchedule, key: Array, n: int
+    ) -> tuple[Array, Array | None]:
         """Control increments delta (H, nu, N) and, for the innovation diffusion, L eps (H, nx, N)."""
         R, dt = problem.cost.R, problem.dt
         if self.diffusion == "matched":
@@ -209,7 +245,9 @@ class MPPIBelief:
             return risk_sensitive(cost, mu, cov, self.theta, self.risk, self.expectation)
 
         def terminal(mu: Array, cov: Array) -> Array:
-            return cost.terminal(mu) if self.evaluate == "mean" else expected_terminal(cost, mu, cov)
+            return (
+                cost.terminal(mu) if self.evaluate == "mean" else expected_terminal(cost, mu, cov)
+            )
 
         return running, terminal
 

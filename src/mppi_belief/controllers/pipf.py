@@ -50,14 +50,20 @@ class PIPF:
         """The zero nominal (H, nu)."""
         return jnp.zeros((self.horizon, problem.cost.R.shape[0]))
 
-    def act(self, problem: Problem, belief: ParticleBelief, plan: Array, key: Array) -> tuple[Array, Array, PIPFInfo]:
+    def act(
+        self, problem: Problem, belief: ParticleBelief, plan: Array, key: Array
+    ) -> tuple[Array, Array, PIPFInfo]:
         """The control (nu,), the nominal shifted by one step (H, nu), diagnostics."""
         if not isinstance(belief, ParticleBelief):
             raise TypeError("controller pipf plans from particles: use filter=particle")
         n_particles = belief.particles.shape[-1]
-        normals = pi.normals(key, (self.horizon, plan.shape[1], n_particles * self.n_samples), self.antithetic)
+        normals = pi.normals(
+            key, (self.horizon, plan.shape[1], n_particles * self.n_samples), self.antithetic
+        )
         increments = pi.matched_increments(problem, normals, self.temperature, self.control_std)
-        starts = jnp.repeat(belief.particles, self.n_samples, axis=-1, total_repeat_length=increments.shape[-1])
+        starts = jnp.repeat(
+            belief.particles, self.n_samples, axis=-1, total_repeat_length=increments.shape[-1]
+        )
         costs = self._costs(problem, starts, plan[:, :, None] + increments)
         weight = pi.girsanov_weight(problem, self.temperature, self.control_std, self.alpha)
         costs += pi.girsanov(plan, increments, weight)
@@ -82,7 +88,9 @@ class PIPF:
     def _weights(self, costs: Array, log_weights: Array) -> Array:
         """Normalised weights of all paths (K L,) from costs (K, L) and the particles' log-weights (K,)."""
         if self.combine == "pooled":
-            return pi.weights((costs - self.temperature * log_weights[:, None]).reshape(-1), self.temperature)
+            return pi.weights(
+                (costs - self.temperature * log_weights[:, None]).reshape(-1), self.temperature
+            )
         of_each = jax.vmap(pi.weights, in_axes=(0, None))(costs, self.temperature)
         w = jnp.exp(log_weights)[:, None] * of_each
         total = jnp.sum(w)  # 1, less the particles from which no path has a finite cost

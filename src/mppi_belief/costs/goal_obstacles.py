@@ -8,7 +8,12 @@ terminal(x) = 1/2 |x - goal|^2_QT
 import jax.numpy as jnp
 from jax import Array
 
-from ..belief.moments import bump_sum, bump_sum_moments, quadratic_bump_covariance, quadratic_moments
+from ..belief.moments import (
+    bump_sum,
+    bump_sum_moments,
+    quadratic_bump_covariance,
+    quadratic_moments,
+)
 from ..numerics.linalg import as_matrix, minus, quadratic_form
 from ..obstacles import Obstacles
 from ..problem import CostMoments
@@ -50,7 +55,13 @@ class GoalObstacleCost:
         centers, width = self.obstacles.centers, self.bump_width
         penalty, penalty_var = bump_sum_moments(mean, cov, centers, width)
         covariance = quadratic_bump_covariance(mean, cov, goal, self.running_weight, centers, width)
-        return CostMoments(base, self.w_obs * penalty, base_var, self.w_obs**2 * penalty_var, self.w_obs * covariance)
+        return CostMoments(
+            base,
+            self.w_obs * penalty,
+            base_var,
+            self.w_obs**2 * penalty_var,
+            self.w_obs * covariance,
+        )
 
     def terminal_mean(self, mean: Array, cov: Array) -> Array:
         """Expected terminal cost, exact."""

@@ -19,5 +19,7 @@ class EKF:
             return RootBelief(whole.mean, whole.root)
         return RootBelief(jnp.asarray(problem.prior_mean), jnp.diag(jnp.asarray(problem.prior_std)))
 
-    def update(self, problem: Problem, belief: Belief | RootBelief, u: Array, y: Array, key: Array) -> RootBelief:
+    def update(
+        self, problem: Problem, belief: Belief | RootBelief, u: Array, y: Array, key: Array
+    ) -> RootBelief:
         return gaussian.correct(problem, gaussian.predict(problem, belief, u), y)

@@ -25,7 +25,9 @@ class MixtureFilter:
     def init(self, problem: Problem, key: Array) -> MixtureBelief:
         return prior_mixture(problem)
 
-    def update(self, problem: Problem, belief: MixtureBelief, u: Array, y: Array, key: Array) -> MixtureBelief:
+    def update(
+        self, problem: Problem, belief: MixtureBelief, u: Array, y: Array, key: Array
+    ) -> MixtureBelief:
         """Each component by itself, then weighed by how likely it held the measurement."""
 
         def one(mean: Array, root: Array) -> tuple[RootBelief, Array]:
@@ -50,4 +52,6 @@ def reweighted(log_weights: Array, log_likelihoods: Array) -> Array:
     """Normalised log-weights (m,); as they were where the measurement is beyond all components."""
     logs = log_weights + log_likelihoods
     usable = jnp.isfinite(logs)
-    return jax.nn.log_softmax(jnp.where(usable.any(), jnp.where(usable, logs, -jnp.inf), log_weights))
+    return jax.nn.log_softmax(
+        jnp.where(usable.any(), jnp.where(usable, logs, -jnp.inf), log_weights)
+    )

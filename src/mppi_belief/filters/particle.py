@@ -38,22 +38,33 @@ class ParticleFilter:
         means = means[:, None] if means.ndim == 1 else means.T
         return summarised(means + psd_factor(cov)[0] @ normals, jnp.zeros(self.n_particles))
 
-    def update(self, problem: Problem, belief: ParticleBelief, u: Array, y: Array, key: Array) -> ParticleBelief:
+    def update(
+        self, problem: Problem, belief: ParticleBelief, u: Array, y: Array, key: Array
+    ) -> ParticleBelief:
         """Move every particle, weigh it by the measurement, resample where needed."""
         system, dt = problem.system, problem.dt
         noise_key, resampling_key = jax.random.split(key)
         normals = standard_normal(noise_key, (system.H.shape[1], self.n_particles))
-        moved = jax.vmap(lambda x: euler_step(system, x, u, dt), in_axes=-1, out_axes=-1)(belief.particles)
+        moved = jax.vmap(lambda x: euler_step(system, x, u, dt), in_axes=-1, out_axes=-1)(
+            belief.particles
+        )
         moved = moved + system.H @ normals * jnp.sqrt(dt)
-        weighed = summarised(moved, belief.log_weights + self._log_likelihoods(problem, belief, moved, y))
+        weighed = summarised(
+            moved, belief.log_weights + self._log_likelihoods(problem, belief, moved, y)
+        )
         chosen = systematic(weighed.log_weights, resampling_key)
         resampled = weighed._replace(
-            particles=moved[:, chosen], log_weights=jnp.full(self.n_particles, -jnp.log(self.n_particles))
+            particles=moved[:, chosen],
+            log_weights=jnp.full(self.n_particles, -jnp.log(self.n_particles)),
         )
-        few = 1.0 / jnp.sum(jnp.exp(2 * weighed.log_weights)) < self.resample_below * self.n_particles
+        few = (
+            1.0 / jnp.sum(jnp.exp(2 * weighed.log_weights)) < self.resample_below * self.n_particles
+        )
         return jax.tree.map(lambda yes, no: jnp.where(few, yes, no), resampled, weighed)
 
-    def _log_likelihoods(self, problem: Problem, belief: ParticleBelief, moved: Array, y: Array) -> Array:
+    def _log_likelihoods(
+        self, problem: Problem, belief: ParticleBelief, moved: Array, y: Array
+    ) -> Array:
         """Of each moved particle (K,)."""
         if self.noise_at == "particle":
             return jax.vmap(lambda x: log_likelihood(problem, x, x, y), in_axes=-1)(moved)

@@ -46,14 +46,20 @@ class UKF:
     def init(self, problem: Problem, key: Array) -> RootBelief:
         return RootBelief(jnp.asarray(problem.prior_mean), jnp.diag(jnp.asarray(problem.prior_std)))
 
-    def update(self, problem: Problem, belief: Belief | RootBelief, u: Array, y: Array, key: Array) -> RootBelief:
+    def update(
+        self, problem: Problem, belief: Belief | RootBelief, u: Array, y: Array, key: Array
+    ) -> RootBelief:
         ahead = predicted(problem, belief, u)
         fit = regression(problem, ahead)
-        shrunk, gain, _ = absorb(jnp.eye(len(ahead.mean), dtype=ahead.mean.dtype), fit.slope.T, fit.noise)
+        shrunk, gain, _ = absorb(
+            jnp.eye(len(ahead.mean), dtype=ahead.mean.dtype), fit.slope.T, fit.noise
+        )
         off = measurement_difference(problem.system, y, fit.expected)
         return RootBelief(ahead.mean + ahead.root @ (gain @ off), ahead.root @ shrunk)
 
-    def forecast(self, problem: Problem, belief: Belief | RootBelief, u: Array) -> tuple[Array, Array]:
+    def forecast(
+        self, problem: Problem, belief: Belief | RootBelief, u: Array
+    ) -> tuple[Array, Array]:
         """The next measurement's expectation (ny,) and covariance (ny, ny), as the update takes them."""
         fit = regression(problem, predicted(problem, belief, u))
         return fit.expected, covariance(fit.slope.T) + fit.noise
@@ -82,8 +88,12 @@ def regression(problem: Problem, ahead: RootBelief) -> Regression:
     system, mean, root = problem.system, ahead.mean, ahead.root
     z, weights = (jnp.asarray(part, root.dtype) for part in sigma_points(len(root)))
     middle = system.c(mean)
-    off = jax.vmap(lambda point: measurement_difference(system, system.c(mean + root @ point), middle))(z)
+    off = jax.vmap(
+        lambda point: measurement_difference(system, system.c(mean + root @ point), middle)
+    )(z)
     shift = weights @ off
     slope = (weights[:, None] * z).T @ (off - shift)
     left = (off - shift - z @ slope) * jnp.sqrt(weights)[:, None]
-    return Regression(middle + shift, slope, measurement_cov(system, mean, problem.dt) + left.T @ left)
+    return Regression(
+        middle + shift, slope, measurement_cov(system, mean, problem.dt) + left.T @ left
+    )

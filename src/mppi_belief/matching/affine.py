@@ -32,7 +32,9 @@ def outside_mean_tangent(
     Least squares on the nodes themselves: an affine c leaves nothing but rounding, whatever the nodes. A c that
     is constant to rounding has part 0. The components of c count by their units: divide by sigma_o to compare them.
     """
-    points, weights = (jnp.asarray(part, dtype=cov.dtype) for part in nodes or gaussian_nodes(mean.shape[0]))
+    points, weights = (
+        jnp.asarray(part, dtype=cov.dtype) for part in nodes or gaussian_nodes(mean.shape[0])
+    )
     factor = jnp.linalg.cholesky(cov)
     values = jax.vmap(lambda z: c(mean + factor @ z))(points)
     z, centred = points - weights @ points, values - weights @ values

@@ -40,7 +40,9 @@ def matching_sensor(
     """
     nu, ny = G.shape[1], noise.shape[0]
     if ny < nu:
-        raise ValueError(f"a sensor that makes matching hold measures as much as there are controls: {ny} < {nu}")
+        raise ValueError(
+            f"a sensor that makes matching hold measures as much as there are controls: {ny} < {nu}"
+        )
     T = jnp.linalg.cholesky(temperature * jnp.linalg.inv(R))
     inverse = jnp.linalg.pinv(root)
     reach = inverse @ G @ T  # the diffusion that is wanted, in units of the covariance

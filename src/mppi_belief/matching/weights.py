@@ -63,7 +63,9 @@ def feasible_weight(D: Matrix, G: Matrix, temperature: float) -> np.ndarray:
         raise ValueError("no W >= 0 gives D = lambda G W G': range(D) is not contained in range(G)")
     D, G = _floats(D, G)
     values, vectors = np.linalg.eigh(D)
-    M = np.linalg.pinv(G, rcond=_cutoff(max(G.shape), G.dtype)) @ (vectors * np.sqrt(np.maximum(values, 0)))
+    M = np.linalg.pinv(G, rcond=_cutoff(max(G.shape), G.dtype)) @ (
+        vectors * np.sqrt(np.maximum(values, 0))
+    )
     return M @ M.T / temperature
 
 
@@ -77,14 +79,20 @@ def feasible_control_weight(D: Matrix, G: Matrix, temperature: float) -> np.ndar
     D, G = _floats(D, G)
     rank_D, rank_G = numerical_rank(D), numerical_rank(G)
     if not range_included(D, G):
-        raise ValueError("no R > 0 gives D = lambda G R^-1 G': range(D) is not contained in range(G)")
+        raise ValueError(
+            "no R > 0 gives D = lambda G R^-1 G': range(D) is not contained in range(G)"
+        )
     if rank_D != rank_G:
-        raise ValueError(f"no R > 0 gives D = lambda G R^-1 G': rank(D) = {rank_D} < rank(G) = {rank_G}")
+        raise ValueError(
+            f"no R > 0 gives D = lambda G R^-1 G': rank(D) = {rank_D} < rank(G) = {rank_G}"
+        )
     U, s, Vt = np.linalg.svd(G)
     reached = U[:, :rank_G] / s[:rank_G]
     values, vectors = np.linalg.eigh(reached.T @ D @ reached / temperature)
     if np.any(values <= 0):
-        raise ValueError("R > 0 with D = lambda G R^-1 G' is too badly conditioned for this precision")
+        raise ValueError(
+            "R > 0 with D = lambda G R^-1 G' is too badly conditioned for this precision"
+        )
     rows, kernel = Vt[:rank_G].T @ vectors, Vt[rank_G:].T
     elsewhere = np.exp(-np.mean(np.log(values))) if rank_G else 1.0
     return (rows / values) @ rows.T + elsewhere * kernel @ kernel.T
@@ -128,7 +136,9 @@ class _Quadratic(NamedTuple):
         return float(np.sum(S * Z) + self.bound * max(0.0, -np.linalg.eigvalsh(S)[0]))
 
 
-def best_constant_weight(Ds: Matrix, Gs: Matrix, tolerance: float = 1e-12, iterations: int = 20_000) -> ConstantWeight:
+def best_constant_weight(
+    Ds: Matrix, Gs: Matrix, tolerance: float = 1e-12, iterations: int = 20_000
+) -> ConstantWeight:
     """The one W >= 0 nearest to a schedule of D_k (T, nx, nx) and G_k (T, nx, nu); steps with D_k = 0 are left out.
 
     Accelerated projected gradients (eigenvalues clipped, restarted when a step turns back), until the duality gap is
@@ -146,7 +156,9 @@ def best_constant_weight(Ds: Matrix, Gs: Matrix, tolerance: float = 1e-12, itera
         faster = (1 + np.sqrt(1 + 4 * momentum**2)) / 2
         Y, Z, momentum = after + (momentum - 1) / faster * (after - Z), after, faster
         gap = problem.gap(Z)
-    return ConstantWeight(problem.unroot @ Z @ problem.unroot, problem.value(Z), len(problem.E), gap)
+    return ConstantWeight(
+        problem.unroot @ Z @ problem.unroot, problem.value(Z), len(problem.E), gap
+    )
 
 
 def optimality_gap(Ds: Matrix, Gs: Matrix, W: Matrix) -> float:
@@ -174,7 +186,9 @@ def _quadratic(Ds: Matrix, Gs: Matrix) -> _Quadratic:
     bound = len(E) * np.sqrt(min(F.shape[1:]))
     # where no G_k reaches anything, any step will do
     steepest = float(np.linalg.norm(hessian, 2)) or 1.0
-    return _Quadratic(E, F, root, unroot, hessian, steepest, np.sum(F.transpose(0, 2, 1) @ E @ F, axis=0), bound)
+    return _Quadratic(
+        E, F, root, unroot, hessian, steepest, np.sum(F.transpose(0, 2, 1) @ E @ F, axis=0), bound
+    )
 
 
 def _nearest_psd(M: np.ndarray) -> np.ndarray:
@@ -185,7 +199,9 @@ def _nearest_psd(M: np.ndarray) -> np.ndarray:
 def _floats(*matrices: Matrix) -> list[np.ndarray]:
     """As NumPy arrays in the coarsest floating point precision among them."""
     arrays = [np.asarray(M) for M in matrices]
-    coarsest = max((np.result_type(M, np.float32) for M in arrays), key=lambda dtype: np.finfo(dtype).eps)
+    coarsest = max(
+        (np.result_type(M, np.float32) for M in arrays), key=lambda dtype: np.finfo(dtype).eps
+    )
     return [M.astype(coarsest) for M in arrays]
 
 

@@ -43,7 +43,9 @@ def log_det_1p(M: Array) -> Array:
         return jnp.log1p(M[0, 0])
     if M.shape[-1] == 2:
         det = M[0, 0] * M[1, 1] - M[0, 1] * M[1, 0]
-        return jnp.log1p(M[0, 0] + M[1, 1] + jnp.maximum(det, 0.0))  # a rank-one M can round to a negative one
+        return jnp.log1p(
+            M[0, 0] + M[1, 1] + jnp.maximum(det, 0.0)
+        )  # a rank-one M can round to a negative one
     return jnp.sum(jnp.log1p(jnp.linalg.eigvalsh(symmetrise(M))))
 
 
@@ -84,7 +86,9 @@ def semidefinite_root(M: Array) -> Array:
         pivot = jnp.max(left)
         column = jnp.sum(jnp.where(chosen, M, 0.0), axis=1)
         unit = jnp.sum(jnp.where(chosen, units, 0.0))
-        scale = jnp.sqrt(jnp.where(pivot <= n * jnp.finfo(M.dtype).eps, jnp.inf, pivot)) * jnp.sqrt(unit)
+        scale = jnp.sqrt(jnp.where(pivot <= n * jnp.finfo(M.dtype).eps, jnp.inf, pivot)) * jnp.sqrt(
+            unit
+        )
         columns.append(column / scale)
         M = M - columns[-1][:, None] * columns[-1]
     return jnp.stack(columns, axis=1)
@@ -118,7 +122,10 @@ def decorrelated(M: Array, R: Array) -> tuple[Array, list[Array]]:
     for j in range(len(R)):
         row: list[Array] = []
         for i in range(j):
-            row.append((R[j, i] - sum(row[k] * slopes[i][k] * variances[k] for k in range(i))) / variances[i])
+            row.append(
+                (R[j, i] - sum(row[k] * slopes[i][k] * variances[k] for k in range(i)))
+                / variances[i]
+            )
         left = R[j, j] - sum(row[k] * row[k] * variances[k] for k in range(j))
         variances.append(jnp.maximum(left, R[j, j] * jnp.finfo(R.dtype).eps) if j else left)
         rows.append(M[j] - sum(row[k] * rows[k] for k in range(j)))

@@ -27,7 +27,9 @@ def rule(n: int) -> tuple[np.ndarray, np.ndarray]:
         for sign in (1, -1)
     ]
     half = np.vstack([axes, *pairs])
-    weights = np.concatenate([np.full(n, (4 - n) / (2 * (n + 2) ** 2)), np.full(len(pairs), 1 / (n + 2) ** 2)])
+    weights = np.concatenate(
+        [np.full(n, (4 - n) / (2 * (n + 2) ** 2)), np.full(len(pairs), 1 / (n + 2) ** 2)]
+    )
     points = np.vstack([np.zeros((1, n)), half, -half])
     return points, np.concatenate([[2 / (n + 2)], weights, weights])
 
@@ -37,7 +39,9 @@ def evaluate(fn: Callable[[Array], Array], mean: Array, cov: Array) -> tuple[Arr
     points, weights = rule(mean.shape[0])
     factor, _ = psd_factor(cov)
     offsets = jnp.asarray(points, dtype=cov.dtype) @ factor.T
-    return jax.vmap(lambda offset: fn(mean + offset))(offsets), jnp.asarray(weights, dtype=cov.dtype)
+    return jax.vmap(lambda offset: fn(mean + offset))(offsets), jnp.asarray(
+        weights, dtype=cov.dtype
+    )
 
 
 def expectation(fn: Callable[[Array], Array], mean: Array, cov: Array) -> Array:
@@ -65,5 +69,9 @@ def gaussian_nodes(nx: int, per_axis: int | None = None) -> tuple[np.ndarray, np
     per_axis = per_axis or min(MOST_PER_AXIS, int(MOST_NODES ** (1 / nx)))
     abscissae, line = np.polynomial.hermite_e.hermegauss(per_axis)
     points = np.stack(np.meshgrid(*[abscissae] * nx, indexing="ij"), axis=-1).reshape(-1, nx)
-    weights = np.stack(np.meshgrid(*[line / line.sum()] * nx, indexing="ij"), axis=-1).prod(axis=-1).ravel()
+    weights = (
+        np.stack(np.meshgrid(*[line / line.sum()] * nx, indexing="ij"), axis=-1)
+        .prod(axis=-1)
+        .ravel()
+    )
     return points, weights

@@ -23,7 +23,9 @@ from jax.extend import core
 
 from .vmap_last import ELEMENTWISE, Value, aval, is_plain, left_to_vmap, samples_of, vmap_last
 
-LARGEST = 36  # components of an array; beyond, a program of single components takes too long to compile
+LARGEST = (
+    36  # components of an array; beyond, a program of single components takes too long to compile
+)
 Table = np.ndarray  # of objects: components
 
 
@@ -33,7 +35,8 @@ def componentwise(function: Callable[..., Any], mapped: Sequence[bool]) -> Calla
     def mapping(*arrays: Any) -> Any:
         arrays = tuple(map(jnp.asarray, arrays))
         one = [
-            jax.ShapeDtypeStruct(a.shape[:-1] if m else a.shape, a.dtype) for a, m in zip(arrays, mapped, strict=True)
+            jax.ShapeDtypeStruct(a.shape[:-1] if m else a.shape, a.dtype)
+            for a, m in zip(arrays, mapped, strict=True)
         ]
         if max(np.prod(a.shape, dtype=int) for a in one) > LARGEST:
             return vmap_last(function, mapped)(*arrays)
@@ -41,7 +44,9 @@ def componentwise(function: Callable[..., Any], mapped: Sequence[bool]) -> Calla
         traced, shapes = jax.make_jaxpr(function, return_shape=True)(*one)
         outputs = _replay(traced, [_table(a, s.shape) for a, s in zip(arrays, one, strict=True)], n)
         leaves, tree = jax.tree.flatten(shapes)
-        joined = [_joined(table, leaf.dtype, n) for table, leaf in zip(outputs, leaves, strict=True)]
+        joined = [
+            _joined(table, leaf.dtype, n) for table, leaf in zip(outputs, leaves, strict=True)
+        ]
         return jax.tree.unflatten(tree, joined)
 
     return mapping
@@ -62,7 +67,9 @@ def _made(shape: tuple[int, ...], component: Callable[[tuple[int, ...]], Any]) -
 def _joined(table: Table, dtype: Any, n: int) -> Array:
     """The array (..., n) of a table."""
     parts = [jnp.broadcast_to(jnp.asarray(x, dtype), (n,)) for x in table.reshape(-1)]
-    return jnp.stack(parts).reshape(*table.shape, n) if parts else jnp.zeros((*table.shape, n), dtype)
+    return (
+        jnp.stack(parts).reshape(*table.shape, n) if parts else jnp.zeros((*table.shape, n), dtype)
+    )
 
 
 def _replay(closed: core.ClosedJaxpr, inputs: Sequence[Table], n: int) -> list[Table]:
@@ -70,7 +77,8 @@ def _replay(closed: core.ClosedJaxpr, inputs: Sequence[Table], n: int) -> list[T
     tables: dict[Any, Table] = dict(zip(jaxpr.invars, inputs, strict=True))
     for variable, constant in zip(jaxpr.constvars, closed.consts, strict=True):
         tables[variable] = _table(
-            constant if isinstance(constant, jax.core.Tracer) else np.asarray(constant), constant.shape
+            constant if isinstance(constant, jax.core.Tracer) else np.asarray(constant),
+            constant.shape,
         )
 
     def read(variable: Any) -> Table:
@@ -98,8 +106,13 @@ def _apply(equation: core.JaxprEqn, inputs: list[Table], n: int) -> Sequence[Tab
         return np.split(inputs[0], np.cumsum(params["sizes"])[:-1], axis=params["axis"])
     if name == "dot_general" and is_plain(equation):
         return [_product(params["dimension_numbers"][0], *inputs)]
-    arrays = [Value(_joined(t, aval(v).dtype, n), True) for t, v in zip(inputs, equation.invars, strict=True)]
-    return [_table(result.array, result.array.shape[:-1]) for result in left_to_vmap(equation, arrays)]
+    arrays = [
+        Value(_joined(t, aval(v).dtype, n), True)
+        for t, v in zip(inputs, equation.invars, strict=True)
+    ]
+    return [
+        _table(result.array, result.array.shape[:-1]) for result in left_to_vmap(equation, arrays)
+    ]
 
 
 def _known(x: Any) -> bool:
@@ -135,7 +148,10 @@ def _bound(equation: core.JaxprEqn, *components: Any) -> Any:
             given = [jnp.asarray(x, kind) for x, kind in zip(components, kinds, strict=True)]
             return np.asarray(equation.primitive.bind(*given, **equation.params))[()]
     shape = max((np.shape(x) for x in components), key=len)
-    given = [jnp.broadcast_to(jnp.asarray(x, kind), shape) for x, kind in zip(components, kinds, strict=True)]
+    given = [
+        jnp.broadcast_to(jnp.asarray(x, kind), shape)
+        for x, kind in zip(components, kinds, strict=True)
+    ]
     return equation.primitive.bind(*given, **equation.params)
 
 
@@ -160,7 +176,10 @@ def _product(contracted: tuple[Sequence[int], Sequence[int]], A: Table, B: Table
 def _reduced(operation: Callable[..., Any], params: dict[str, Any], x: Table) -> Table:
     x = np.moveaxis(x, params["axes"], range(len(params["axes"])))
     inner = x.shape[: len(params["axes"])]
-    return _made(x.shape[len(inner) :], lambda at: functools.reduce(operation, (x[i + at] for i in np.ndindex(*inner))))
+    return _made(
+        x.shape[len(inner) :],
+        lambda at: functools.reduce(operation, (x[i + at] for i in np.ndindex(*inner))),
+    )
 
 
 def _slice(shape: Any, params: dict[str, Any], x: Table) -> Table:
@@ -178,7 +197,9 @@ def _broadcast(shape: Any, params: dict[str, Any], x: Table) -> Table:
 def _pad(shape: Any, params: dict[str, Any], x: Table, value: Table) -> Table:
     padded = _made(shape.shape, lambda at: value[()])
     steps = zip(params["padding_config"], x.shape, strict=True)
-    padded[tuple(slice(low, low + size * (inner + 1), inner + 1) for (low, _, inner), size in steps)] = x
+    padded[
+        tuple(slice(low, low + size * (inner + 1), inner + 1) for (low, _, inner), size in steps)
+    ] = x
     return padded
 
 

@@ -42,7 +42,10 @@ def vmap_last(function: Callable[..., Any], mapped: Sequence[bool]) -> Callable[
     def mapping(*arrays: Any) -> Any:
         values = [Value(jnp.asarray(a), m) for a, m in zip(arrays, mapped, strict=True)]
         n = samples_of(*zip(*values, strict=True))
-        one = [jax.ShapeDtypeStruct(v.array.shape[:-1] if v.mapped else v.array.shape, v.array.dtype) for v in values]
+        one = [
+            jax.ShapeDtypeStruct(v.array.shape[:-1] if v.mapped else v.array.shape, v.array.dtype)
+            for v in values
+        ]
         traced, shapes = jax.make_jaxpr(function, return_shape=True)(*one)
         outputs = _replay(traced, values, n)
         return jax.tree.unflatten(jax.tree.structure(shapes), [_spread(v, n) for v in outputs])
@@ -54,13 +57,17 @@ def samples_of(arrays: Sequence[Any], mapped: Sequence[bool]) -> int:
     """The size of the last axis of what is mapped."""
     sizes = sorted({a.shape[-1] for a, m in zip(arrays, mapped, strict=True) if m})
     if len(sizes) > 1:
-        raise ValueError(f"the last axes must have one size, the number of samples; they have {sizes}")
+        raise ValueError(
+            f"the last axes must have one size, the number of samples; they have {sizes}"
+        )
     return int(sizes[0])
 
 
 def _replay(closed: core.ClosedJaxpr, inputs: Sequence[Value], n: int) -> list[Value]:
     jaxpr = closed.jaxpr
-    known: dict[Any, Value] = {v: Value(c, False) for v, c in zip(jaxpr.constvars, closed.consts, strict=True)}
+    known: dict[Any, Value] = {
+        v: Value(c, False) for v, c in zip(jaxpr.constvars, closed.consts, strict=True)
+    }
     known |= dict(zip(jaxpr.invars, inputs, strict=True))
 
     def read(variable: Any) -> Value:
@@ -69,7 +76,13 @@ def _replay(closed: core.ClosedJaxpr, inputs: Sequence[Value], n: int) -> list[V
         return known[variable]
 
     for equation in jaxpr.eqns:
-        known |= dict(zip(equation.outvars, _apply(equation, [read(v) for v in equation.invars], n), strict=True))
+        known |= dict(
+            zip(
+                equation.outvars,
+                _apply(equation, [read(v) for v in equation.invars], n),
+                strict=True,
+            )
+        )
     return [read(v) for v in jaxpr.outvars]
 
 
@@ -99,7 +112,9 @@ def _spread(value: Value, n: int, shape: tuple[int, ...] | None = None) -> Array
     """The array for n samples, stretched to `shape` before them if one is given: what is not mapped is repeated."""
     array = value.array if value.mapped else value.array[..., None]
     shape = array.shape[:-1] if shape is None else shape
-    return jnp.broadcast_to(array.reshape((1,) * (len(shape) + 1 - array.ndim) + array.shape), (*shape, n))
+    return jnp.broadcast_to(
+        array.reshape((1,) * (len(shape) + 1 - array.ndim) + array.shape), (*shape, n)
+    )
 
 
 def _adapted(name: str, params: dict[str, Any], x: Array) -> dict[str, Any] | None:
@@ -109,7 +124,10 @@ def _adapted(name: str, params: dict[str, Any], x: Array) -> dict[str, Any] | No
         return params
     if name == "slice":
         strides = params["strides"]
-        ends = {"start_indices": (*params["start_indices"], 0), "limit_indices": (*params["limit_indices"], n)}
+        ends = {
+            "start_indices": (*params["start_indices"], 0),
+            "limit_indices": (*params["limit_indices"], n),
+        }
         return params | ends | {"strides": None if strides is None else (*strides, 1)}
     if name == "reshape" and params["dimensions"] is None:
         return params | {"new_sizes": (*params["new_sizes"], n)}
@@ -140,7 +158,10 @@ def is_plain(equation: core.JaxprEqn) -> bool:
 
 def _is_short(equation: core.JaxprEqn) -> bool:
     (left, _), _ = equation.params["dimension_numbers"]
-    return is_plain(equation) and math.prod(aval(equation.invars[0]).shape[i] for i in left) <= LARGEST_UNROLLED
+    return (
+        is_plain(equation)
+        and math.prod(aval(equation.invars[0]).shape[i] for i in left) <= LARGEST_UNROLLED
+    )
 
 
 def _product(contracted: tuple[Sequence[int], Sequence[int]], a: Value, b: Value) -> Array:
@@ -152,7 +173,8 @@ def _product(contracted: tuple[Sequence[int], Sequence[int]], a: Value, b: Value
     k = len(contracted[0])
     free_a, free_b = A.ndim - k - 1, B.ndim - k - 1
     terms = [
-        A[at].reshape(*A.shape[k:-1], *(1,) * free_b, A.shape[-1]) * B[at].reshape(*(1,) * free_a, *B.shape[k:])
+        A[at].reshape(*A.shape[k:-1], *(1,) * free_b, A.shape[-1])
+        * B[at].reshape(*(1,) * free_a, *B.shape[k:])
         for at in itertools.product(*(range(size) for size in A.shape[:k]))
     ]
     return functools.reduce(operator.add, terms)
@@ -166,10 +188,18 @@ def left_to_vmap(equation: core.JaxprEqn, inputs: list[Value]) -> list[Value]:
 
 def _alone(equation: core.JaxprEqn, *arrays: Array) -> list[Array]:
     """One operation as it stands, whatever functions are among its parameters."""
-    given = {id(v): a for v, a in zip(equation.invars, arrays, strict=True) if not isinstance(v, core.Literal)}
+    given = {
+        id(v): a
+        for v, a in zip(equation.invars, arrays, strict=True)
+        if not isinstance(v, core.Literal)
+    }
     inputs = {id(v): v for v in equation.invars if not isinstance(v, core.Literal)}
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DeprecationWarning)  # no DebugInfo, which only JAX itself can make
-        jaxpr = core.Jaxpr((), list(inputs.values()), equation.outvars, [equation], equation.effects)
+        warnings.simplefilter(
+            "ignore", DeprecationWarning
+        )  # no DebugInfo, which only JAX itself can make
+        jaxpr = core.Jaxpr(
+            (), list(inputs.values()), equation.outvars, [equation], equation.effects
+        )
     results: list[Array] = core.jaxpr_as_fun(core.ClosedJaxpr(jaxpr, ()))(*given.values())
     return results

@@ -18,6 +18,8 @@ class Obstacles:
         if len(self.centers) == 0:
             return jnp.asarray(jnp.inf)
         if self.centers.shape[-1] != len(position):
-            raise ValueError(f"centers of shape {self.centers.shape} do not fit a position of {len(position)}")
+            raise ValueError(
+                f"centers of shape {self.centers.shape} do not fit a position of {len(position)}"
+            )
         offsets = position - jnp.asarray(self.centers)
         return jnp.min(jnp.sqrt(jnp.sum(offsets**2, axis=-1))) - self.radius

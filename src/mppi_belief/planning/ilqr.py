@@ -65,13 +65,19 @@ def charge_weights(horizon: int, charge: str) -> Array:
     return jnp.ones(horizon + 1).at[0 if charge == "end" else horizon].set(0.0)
 
 
-def state_cost(problem: Problem, rate: Callable[[Array], Array], horizon: int, charge: str) -> StateCost:
+def state_cost(
+    problem: Problem, rate: Callable[[Array], Array], horizon: int, charge: str
+) -> StateCost:
     """(x, k) -> w_k q(x) dt, plus phi(x) at k = H, for a running cost `rate`."""
     return staged(problem.dt, lambda x, k: rate(x), problem.cost.terminal, horizon, charge)
 
 
 def staged(
-    dt: Array | float, rate: StateCost, terminal: Callable[[Array], Array], horizon: int, charge: str
+    dt: Array | float,
+    rate: StateCost,
+    terminal: Callable[[Array], Array],
+    horizon: int,
+    charge: str,
 ) -> StateCost:
     """(x, k) -> w_k rate(x, k) dt, plus terminal(x) at k = H."""
     weights = charge_weights(horizon, charge)
@@ -83,17 +89,25 @@ def staged(
 
 
 def follow(
-    problem: Problem, policy: Policy, start: Array, step: Array | float = 0.0, feed: Array | None = None
+    problem: Problem,
+    policy: Policy,
+    start: Array,
+    step: Array | float = 0.0,
+    feed: Array | None = None,
 ) -> Policy:
     """The policy's own states and controls from `start` (nx,), its feedforward moved by step * feed (H, nu)."""
     feed = jnp.zeros_like(policy.controls) if feed is None else feed
 
-    def advance(x: Array, at: tuple[Array, Array, Array, Array]) -> tuple[Array, tuple[Array, Array]]:
+    def advance(
+        x: Array, at: tuple[Array, Array, Array, Array]
+    ) -> tuple[Array, tuple[Array, Array]]:
         nominal, u, gain, move = at
         u = u + step * move + gain @ (x - nominal)
         return euler_step(problem.system, x, u, problem.dt), (x, u)
 
-    last, (states, controls) = jax.lax.scan(advance, start, (policy.states[:-1], policy.controls, policy.gains, feed))
+    last, (states, controls) = jax.lax.scan(
+        advance, start, (policy.states[:-1], policy.controls, policy.gains, feed)
+    )
     return Policy(jnp.concatenate([states, last[None]]), controls, policy.gains)
 
 
@@ -124,7 +138,9 @@ class Improvement(NamedTuple):
     change: Array
 
 
-def backward(problem: Problem, cost: StateCost, policy: Policy, damping: Array | float = 0.0) -> Improvement:
+def backward(
+    problem: Problem, cost: StateCost, policy: Policy, damping: Array | float = 0.0
+) -> Improvement:
     """The LQ problem about a policy, solved."""
     R, dt = problem.cost.R, problem.dt
     slopes = jax.vmap(lambda u: R @ u * dt)(policy.controls)
@@ -153,10 +169,14 @@ def sweep(lq: Expansion, slopes: Array, weight: Array, damping: Array | float = 
         feed, gain = -inverse @ Qu, -inverse @ Qux
         v = Qx + gain.T @ (Quu @ feed + Qu) + Qux.T @ feed
         V = symmetrise(Q + A.T @ V @ A + gain.T @ (Quu @ gain + Qux) + Qux.T @ gain)
-        return (v, V), Improvement(feed, gain, inverse, jnp.array([feed @ Qu, 0.5 * feed @ Quu @ feed]))
+        return (v, V), Improvement(
+            feed, gain, inverse, jnp.array([feed @ Qu, 0.5 * feed @ Quu @ feed])
+        )
 
     end = (lq.slopes[-1], lq.bends[-1])
-    _, found = jax.lax.scan(retreat, end, (lq.A, lq.B, lq.slopes[:-1], lq.bends[:-1], slopes), reverse=True)
+    _, found = jax.lax.scan(
+        retreat, end, (lq.A, lq.B, lq.slopes[:-1], lq.bends[:-1], slopes), reverse=True
+    )
     return found._replace(change=jnp.sum(found.change, axis=0))
 
 
@@ -166,7 +186,9 @@ def _convex(hessian: Array) -> Array:
     return (vectors * jnp.maximum(values, 0.0)) @ vectors.T
 
 
-def solve(problem: Problem, cost: StateCost, guess: Policy, start: Array, settings: Settings) -> Solution:
+def solve(
+    problem: Problem, cost: StateCost, guess: Policy, start: Array, settings: Settings
+) -> Solution:
     """Iterate from the guess, followed from `start` (nx,), until the cost's relative decrease is below tolerance."""
     first = follow(problem, guess, start)
     State = tuple[Policy, Array, Array, Array, Array]
@@ -188,11 +210,21 @@ def solve(problem: Problem, cost: StateCost, guess: Policy, start: Array, settin
         small = jnp.abs(change[0] + change[1]) <= settings.tolerance * (1.0 + jnp.abs(best))
         policy = jax.tree.map(lambda new, old: jnp.where(found, new[chosen], old), trials, policy)
         policy = policy._replace(gains=gains)
-        damping = jnp.where(found, damping / settings.factor, jnp.maximum(damping, settings.damping) * settings.factor)
+        damping = jnp.where(
+            found,
+            damping / settings.factor,
+            jnp.maximum(damping, settings.damping) * settings.factor,
+        )
         damping = jnp.where(damping < settings.damping, 0.0, damping)
         return policy, jnp.where(found, costs[chosen], best), damping, count + 1, small
 
-    state = (first, total_cost(problem, cost, first), jnp.zeros(()), jnp.zeros((), int), jnp.zeros((), bool))
+    state = (
+        first,
+        total_cost(problem, cost, first),
+        jnp.zeros(()),
+        jnp.zeros((), int),
+        jnp.zeros((), bool),
+    )
     policy, best, _, count, converged = jax.lax.while_loop(going, iterate, state)
     return Solution(policy, best, count, converged)
 
@@ -200,7 +232,9 @@ def solve(problem: Problem, cost: StateCost, guess: Policy, start: Array, settin
 def still(problem: Problem, horizon: int) -> Policy:
     """No control and no feedback, from the prior mean."""
     nx, nu = len(problem.prior_mean), problem.cost.R.shape[0]
-    rest = Policy(jnp.zeros((horizon + 1, nx)), jnp.zeros((horizon, nu)), jnp.zeros((horizon, nu, nx)))
+    rest = Policy(
+        jnp.zeros((horizon + 1, nx)), jnp.zeros((horizon, nu)), jnp.zeros((horizon, nu, nx))
+    )
     return follow(problem, rest, jnp.asarray(problem.prior_mean))
 
 

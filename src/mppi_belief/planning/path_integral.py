@@ -73,7 +73,10 @@ def matched_increments(
 
 
 def girsanov_weight(
-    problem: Problem, temperature: Array | float, std: Array | float | None, alpha: Array | float | None
+    problem: Problem,
+    temperature: Array | float,
+    std: Array | float | None,
+    alpha: Array | float | None,
 ) -> Array:
     """The matrix W (nu, nu) of `girsanov`.
 
@@ -93,10 +96,14 @@ def receded(nominal: Array) -> Array:
     return jnp.concatenate([nominal[1:], jnp.zeros_like(nominal[:1])])
 
 
-def rollouts(problem: Problem, mean: Array, controls: Array, disturbance: Array | None = None) -> Array:
+def rollouts(
+    problem: Problem, mean: Array, controls: Array, disturbance: Array | None = None
+) -> Array:
     """Means mu_1..mu_H (H, nx, N) from one mean (nx,) or N of them (nx, N), for controls (H, nu, N) and
     a disturbance (H, nx, N)."""
-    move = vmap_last(lambda mu, u: euler_step(problem.system, mu, u, problem.dt), mapped=(True, True))
+    move = vmap_last(
+        lambda mu, u: euler_step(problem.system, mu, u, problem.dt), mapped=(True, True)
+    )
 
     def advance(mu: Array, drive: tuple[Array, Array | None]) -> tuple[Array, Array]:
         u, pushed = drive
@@ -126,7 +133,10 @@ def path_costs(
     (nx, nx) to a cost ().
     """
     if charge == "start":
-        charged, at = jnp.concatenate([_columns(mean, means.shape[-1])[None], means[:-1]]), covs[:-1]
+        charged, at = (
+            jnp.concatenate([_columns(mean, means.shape[-1])[None], means[:-1]]),
+            covs[:-1],
+        )
     else:
         charged, at = means, covs[1:]
     rates = jax.vmap(jax.vmap(running, in_axes=(-1, None), out_axes=-1))(charged, at)
@@ -173,7 +183,10 @@ def weighted_increments(w: Array, increments: Array) -> Array:
 
 
 def weighted_in_blocks(
-    sample: Callable[[Array, int], tuple[Array, Array, Array]], key: Array, n: int, temperature: Array | float
+    sample: Callable[[Array, int], tuple[Array, Array, Array]],
+    key: Array,
+    n: int,
+    temperature: Array | float,
 ) -> tuple[Array, Array, Array]:
     """sum_i w_i delta^(i) (H, nu), the weights w (n,) and the means (H, nx, n) of n samples, at most BLOCK at a time.
 

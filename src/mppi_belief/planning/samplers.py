@@ -67,7 +67,9 @@ def reference(
     return Reference(nominal - nominal @ (axes * jnp.minimum(parts, 1.0)) @ axes.T, precision)
 
 
-def plain(problem: Problem, nominal: Array, temperature: Array | float, std: Array | float | None) -> Proposal:
+def plain(
+    problem: Problem, nominal: Array, temperature: Array | float, std: Array | float | None
+) -> Proposal:
     """Controls N(nominal_k, S_u) about a nominal (H, nu), whatever the mean."""
     (horizon, nu), nx = nominal.shape, len(problem.prior_mean)
     units = jnp.broadcast_to(jnp.eye(nu), (horizon, nu, nu))
@@ -76,7 +78,12 @@ def plain(problem: Problem, nominal: Array, temperature: Array | float, std: Arr
 
 
 def laplace(
-    cost: ilqr.StateCost, problem: Problem, means: Array, aim: Reference, temperature: Array | float, fallback: Proposal
+    cost: ilqr.StateCost,
+    problem: Problem,
+    means: Array,
+    aim: Reference,
+    temperature: Array | float,
+    fallback: Proposal,
 ) -> Proposal:
     """The optimal policy of the problem expanded about the means (H+1, nx) of the controls of `fallback`.
 
@@ -101,21 +108,29 @@ def about_nominal(n: int, mirrored: bool) -> np.ndarray:
 
 
 def rollouts(
-    problem: Problem, mean: Array, policies: tuple[Proposal, Proposal], second: np.ndarray, normals: Array
+    problem: Problem,
+    mean: Array,
+    policies: tuple[Proposal, Proposal],
+    second: np.ndarray,
+    normals: Array,
 ) -> tuple[Array, Array, Array]:
     """Controls (H, nu, N) and means mu_1..mu_H (H, nx, N) from a mean (nx,) for normals (H, nu, N), and the log of the
     density that the controls were drawn from (N,), up to a constant; `second` (N,): which are of the second policy."""
     n = normals.shape[-1]
     whitening = tuple(jnp.linalg.inv(policy.factors) for policy in policies)
 
-    def advance(at: tuple[Array, Array], given: tuple) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+    def advance(
+        at: tuple[Array, Array], given: tuple
+    ) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
         (mu, squares), (eps, now, whiten) = at, given
 
         def move(mu: Array, eps: Array, second: Array) -> tuple[Array, Array, Array]:
             centres = [one.controls + one.gains @ (mu - one.means) for one in now]
             drawn = [centre + one.factors @ eps for centre, one in zip(centres, now, strict=True)]
             u, own = jnp.where(second, drawn[1], drawn[0]), jnp.sum(eps**2)
-            first, other = (jnp.sum((W @ (u - centre)) ** 2) for W, centre in zip(whiten, centres, strict=True))
+            first, other = (
+                jnp.sum((W @ (u - centre)) ** 2) for W, centre in zip(whiten, centres, strict=True)
+            )
             off = jnp.stack([jnp.where(second, first, own), jnp.where(second, own, other)])
             return u, euler_step(problem.system, mu, u, problem.dt), off
 
@@ -129,7 +144,9 @@ def rollouts(
     return controls, means, jax.nn.logsumexp((shares + heights)[:, None] - 0.5 * squares, axis=0)
 
 
-def correction(aim: Reference, temperature: Array | float, controls: Array, density: Array) -> Array:
+def correction(
+    aim: Reference, temperature: Array | float, controls: Array, density: Array
+) -> Array:
     """What path costs are raised by (N,), for controls (H, nu, N) drawn from a density of this log (N,)."""
     off = controls - aim.centre[:, :, None]
     form = vmap_last(lambda d: quadratic_form(aim.precision, d), mapped=(True,))

@@ -24,12 +24,17 @@ LEAD = (
 )
 
 
-def report(studies: dict[str, list[Cell]], verify_dir: Path | None, folder: Path, overrides: Sequence[str]) -> bool:
+def report(
+    studies: dict[str, list[Cell]], verify_dir: Path | None, folder: Path, overrides: Sequence[str]
+) -> bool:
     """Read the results of some studies' cells and, from `verify_dir`, the certificates, write the report into `folder`
     and say on the terminal what it holds and what is missing; whether everything was there."""
     complaints: dict[str, None] = {}  # cells that two studies share complain once
     found = {
-        name: [_find(cell, complaints.setdefault) for cell in {cell.id: cell for cell in cells}.values()]
+        name: [
+            _find(cell, complaints.setdefault)
+            for cell in {cell.id: cell for cell in cells}.values()
+        ]
         for name, cells in studies.items()
     }
     certificates = [] if verify_dir is None else load(verify_dir)
@@ -38,9 +43,15 @@ def report(studies: dict[str, list[Cell]], verify_dir: Path | None, folder: Path
         print(table_1(found["table_1"]).to_string(index=False))
     lines = missing_lines(found, overrides)
     if verify_dir is not None and len(certificates) < len(NAMES):
-        chosen = [word for word in overrides if word.partition("=")[0] in ("seed", "workers", "verify_dir")]
+        chosen = [
+            word
+            for word in overrides
+            if word.partition("=")[0] in ("seed", "workers", "verify_dir")
+        ]
         command = shlex.join(["mppi-belief", "verify", *chosen])
-        lines.append(f"missing: {len(NAMES) - len(certificates)} of {len(NAMES)} certificates; {command}")
+        lines.append(
+            f"missing: {len(NAMES) - len(certificates)} of {len(NAMES)} certificates; {command}"
+        )
     for line in [*complaints, *theory.warnings(certificates), *lines]:
         print(line)
     print(f"report: {page}")
@@ -51,10 +62,14 @@ def _find(cell: Cell, warn: Callable[[str], object]) -> Found:
     return find(cell, Path(cell.config["results_dir"]), cell.config["n_trials"], warn)
 
 
-def write_report(studies: Studies, certificates: Sequence[Stored], folder: Path, complaints: Sequence[str]) -> Path:
+def write_report(
+    studies: Studies, certificates: Sequence[Stored], folder: Path, complaints: Sequence[str]
+) -> Path:
     """Write everything into `folder` and return the page's path; `complaints` are shown as warnings."""
     folder.mkdir(parents=True, exist_ok=True)
-    founds: list[Found] = list({one.cell.id: one for founds in studies.values() for one in founds}.values())
+    founds: list[Found] = list(
+        {one.cell.id: one for founds in studies.values() for one in founds}.values()
+    )
     shown = [*sections(studies, folder), *theory.sections(certificates, folder)]
     warned = [*warnings(founds), *theory.warnings(certificates), *complaints]
     page = Page(TITLE, LEAD, warned, shown, [*provenance(founds), *theory.provenance(certificates)])
@@ -70,5 +85,7 @@ def missing_lines(studies: Studies, overrides: Sequence[str]) -> list[str]:
         if behind:
             trials = sum(found.missing for found in behind)
             command = shlex.join(["mppi-belief", "run", f"experiment={name}", *overrides])
-            lines.append(f"missing: {trials} trials in {len(behind)} of {len(founds)} cells of {name}; {command}")
+            lines.append(
+                f"missing: {trials} trials in {len(behind)} of {len(founds)} cells of {name}; {command}"
+            )
     return lines

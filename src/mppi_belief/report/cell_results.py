@@ -80,7 +80,9 @@ class Found(NamedTuple):
         return self.good["collided"].to_numpy(dtype=bool)
 
 
-def find(cell: Cell, root: Path, wanted: int, warn: Callable[[str], object] = lambda line: None) -> Found:
+def find(
+    cell: Cell, root: Path, wanted: int, warn: Callable[[str], object] = lambda line: None
+) -> Found:
     """Read a cell's results; what cannot be read is named to `warn` and left out."""
     folder = root / cell.id
     parts = results.read_parts(folder, warn)
@@ -96,7 +98,9 @@ def find(cell: Cell, root: Path, wanted: int, warn: Callable[[str], object] = la
         paths,
         _json(folder, "scene", {"dt", "start", "goal", "obstacles", "radius"}),
         timing["seconds"] if timing else [],
-        None if record is None else _json(folder, f"recording-{record}", {"trial", "samples", "matching"}),
+        None
+        if record is None
+        else _json(folder, f"recording-{record}", {"trial", "samples", "matching"}),
         results.sources_of(parts, rows["trial"]),
     )
 
@@ -134,7 +138,11 @@ def titles(founds: Sequence[Found]) -> list[str]:
     """A name for each cell: its method's, with the settings that differ where a method occurs more than once."""
     names = [found.name for found in founds]
     settings = [
-        ", ".join(f"{name} {value}" for name, value in one.items() if name != "controller") for one in differing(founds)
+        ", ".join(f"{name} {value}" for name, value in one.items() if name != "controller")
+        for one in differing(founds)
     ]
     pairs = zip(names, settings, strict=True)
-    return [f"{name} ({setting})" if names.count(name) > 1 and setting else name for name, setting in pairs]
+    return [
+        f"{name} ({setting})" if names.count(name) > 1 and setting else name
+        for name, setting in pairs
+    ]

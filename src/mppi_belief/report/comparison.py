@@ -15,7 +15,9 @@ from .summary import Summary, interval, summary
 def table_1(founds: Sequence[Found]) -> pd.DataFrame:
     """Table I as text: ours, the paper's numbers beside them."""
     named = zip(titles(founds), founds, strict=True)
-    return pd.DataFrame([_line(name, found, summary(found.rows, found.seconds)) for name, found in named])
+    return pd.DataFrame(
+        [_line(name, found, summary(found.rows, found.seconds)) for name, found in named]
+    )
 
 
 def _line(name: str, found: Found, ours: Summary) -> dict[str, str]:
@@ -43,12 +45,16 @@ def differences(founds: Sequence[Found], reference: str = "belief") -> pd.DataFr
             continue
         one, other = paired(founds[at], found)
         cost = paired_mean_difference(one["cost"].to_numpy(), other["cost"].to_numpy())
-        rate, p = paired_rate_difference(one["collided"].to_numpy(bool), other["collided"].to_numpy(bool))
+        rate, p = paired_rate_difference(
+            one["collided"].to_numpy(bool), other["collided"].to_numpy(bool)
+        )
         lines.append(_difference(names[at], names[index], len(one), cost, rate, p))
     return pd.DataFrame(lines)
 
 
-def _difference(reference: str, name: str, n: int, cost: Estimate, rate: Estimate, p: float) -> dict[str, str]:
+def _difference(
+    reference: str, name: str, n: int, cost: Estimate, rate: Estimate, p: float
+) -> dict[str, str]:
     return {
         "Difference": f"{reference} - {name}",
         "Pairs": str(n),
@@ -88,7 +94,9 @@ def _latex_line(name: str, found: Found) -> str:
     cells = [
         re.sub(r"([&%$#_{}])", r"\\\1", name),
         "--" if math.isnan(ours.sd) else rf"${ours.cost.value:.1f} \pm {ours.sd:.1f}$",
-        "--" if math.isnan(rate.value) else rf"${rate.value:.1f}$ [{rate.low:.1f}, {rate.high:.1f}]",
+        "--"
+        if math.isnan(rate.value)
+        else rf"${rate.value:.1f}$ [{rate.low:.1f}, {rate.high:.1f}]",
         "--" if math.isnan(ours.time) else f"{ours.time:.1f}",
         rf"${paper.cost} \pm {paper.spread}$" if paper else "--",
         rf"{100 * paper.collisions / published.TRIALS:.1f}\%" if paper else "--",

@@ -27,11 +27,19 @@ def lines(founds: Sequence[Found]) -> pd.DataFrame:
     return pd.DataFrame(text).fillna("-")
 
 
-def table(folder: Path, stem: str, caption: str, frame: pd.DataFrame, founds: Sequence[Found] | None = None) -> Table:
+def table(
+    folder: Path,
+    stem: str,
+    caption: str,
+    frame: pd.DataFrame,
+    founds: Sequence[Found] | None = None,
+) -> Table:
     """A table of the page, beside it as Markdown and as CSV: all numbers of `founds`, or else the same text."""
     machine = None
     if founds is not None:
-        machine = pd.DataFrame([numbers(found.rows, found.labels, found.seconds) for found in founds])
+        machine = pd.DataFrame(
+            [numbers(found.rows, found.labels, found.seconds) for found in founds]
+        )
     write_frame(folder, stem, frame, machine)
     return Table(stem, caption, frame)
 

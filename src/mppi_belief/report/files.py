@@ -21,5 +21,7 @@ def write_frame(folder: Path, stem: str, text: pd.DataFrame, numbers: pd.DataFra
 def as_markdown(frame: pd.DataFrame) -> str:
     """A table of text in Markdown, bars in it escaped."""
     rows = [[str(name) for name in frame.columns], ["---"] * len(frame.columns)]
-    rows += [[str(value).replace("|", r"\|") for value in row] for row in frame.itertuples(index=False)]
+    rows += [
+        [str(value).replace("|", r"\|") for value in row] for row in frame.itertuples(index=False)
+    ]
     return "\n".join(f"| {' | '.join(row)} |" for row in rows) + "\n"

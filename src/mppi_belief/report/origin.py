@@ -14,8 +14,14 @@ def provenance(founds: Sequence[Found]) -> list[tuple[str, str]]:
     packages = sorted({name for one in versions for name in one})
     return [
         ("commit", _all(commit(source) for source in sources)),
-        ("versions", ", ".join(f"{name} {_all(one.get(name) for one in versions)}" for name in packages)),
-        ("machine", _all(f"{source.get('processor')}, {source.get('platform')}" for source in sources)),
+        (
+            "versions",
+            ", ".join(f"{name} {_all(one.get(name) for one in versions)}" for name in packages),
+        ),
+        (
+            "machine",
+            _all(f"{source.get('processor')}, {source.get('platform')}" for source in sources),
+        ),
         ("seeds", _all(found.labels["seed"] for found in founds)),
         ("device", _all(source["device"] for source in sources if source.get("device"))),
         ("precision", _all(found.cell.config["precision"] for found in founds)),
@@ -31,7 +37,10 @@ def warnings(founds: Sequence[Found]) -> list[str]:
     lines = []
     for what, values in (
         ("commits", {commit(source) for source in sources}),
-        ("versions of jaxlib", {(source.get("versions") or {}).get("jaxlib") for source in sources}),
+        (
+            "versions of jaxlib",
+            {(source.get("versions") or {}).get("jaxlib") for source in sources},
+        ),
         ("devices", {source.get("device") for source in sources if source.get("device")}),
         ("algorithm versions", {source.get("algorithm") for source in sources}),
     ):

@@ -57,7 +57,9 @@ MEDIA = {".png": "image/png", ".gif": "image/gif"}
 PNG_SCALE = 1.4  # pixels of a PNG per pixel of the page: text of 7.5 points at 200 to the inch is as large as a table's
 PROSE = 28  # a text longer than this may break into lines
 BLANK = {"", "-", "\u2013", "\u2014", "n/a"}
-NUMBER = re.compile(r"[<>≤≥≈~]?\s*[-+\u2212±]?(\d[\d,]*\.?\d*|\.\d+|inf|nan)(e[-+\u2212]?\d+)?(?!\w)", re.IGNORECASE)
+NUMBER = re.compile(
+    r"[<>≤≥≈~]?\s*[-+\u2212±]?(\d[\d,]*\.?\d*|\.\d+|inf|nan)(e[-+\u2212]?\d+)?(?!\w)", re.IGNORECASE
+)
 
 
 def render(page: Page, folder: Path) -> str:
@@ -99,7 +101,9 @@ def _anchors(titles: Iterable[str]) -> list[str]:
     """An id for every title, made of its ASCII letters and digits."""
     anchors = ["provenance", "warnings"]
     for title in titles:
-        ascii_title = unicodedata.normalize("NFKD", title).encode("ascii", "ignore").decode().lower()
+        ascii_title = (
+            unicodedata.normalize("NFKD", title).encode("ascii", "ignore").decode().lower()
+        )
         stem = anchor = re.sub("[^a-z0-9]+", "-", ascii_title).strip("-") or "section"
         count = 1
         while anchor in anchors:
@@ -145,7 +149,9 @@ def _embed(folder: Path, picture: Picture) -> _Embedded | None:
 
 
 def _picture_files(folder: Path, picture: Picture) -> list[tuple[str, str]]:
-    return _files(folder, picture.file.removesuffix(PurePath(picture.file).suffix), ("png", "gif", "pdf"))
+    return _files(
+        folder, picture.file.removesuffix(PurePath(picture.file).suffix), ("png", "gif", "pdf")
+    )
 
 
 def _table_files(folder: Path, table: Table) -> list[tuple[str, str]]:
@@ -155,5 +161,7 @@ def _table_files(folder: Path, table: Table) -> list[tuple[str, str]]:
 def _files(folder: Path, stem: str, suffixes: Iterable[str]) -> list[tuple[str, str]]:
     """Name and relative address of those files that exist."""
     return [
-        (suffix.upper(), quote(f"{stem}.{suffix}")) for suffix in suffixes if (folder / f"{stem}.{suffix}").is_file()
+        (suffix.upper(), quote(f"{stem}.{suffix}"))
+        for suffix in suffixes
+        if (folder / f"{stem}.{suffix}").is_file()
     ]

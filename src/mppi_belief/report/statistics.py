@@ -31,13 +31,17 @@ def mean_interval(values: np.ndarray, level: float = 0.95) -> Estimate:
     center = float(np.mean(values))
     if len(values) == 1:
         return NOTHING._replace(value=center)
-    half = float(stdtrit(len(values) - 1, (1 + level) / 2) * np.std(values, ddof=1) / np.sqrt(len(values)))
+    half = float(
+        stdtrit(len(values) - 1, (1 + level) / 2) * np.std(values, ddof=1) / np.sqrt(len(values))
+    )
     return Estimate(center, center - half, center + half)
 
 
 def chi_square_band(freedom: float, level: float = 0.95) -> Estimate:
     """Where the mean of so many squared standard normals lies with that probability, around its expectation 1."""
-    low, high = (float(chdtri(freedom, tail)) / freedom for tail in ((1 + level) / 2, (1 - level) / 2))
+    low, high = (
+        float(chdtri(freedom, tail)) / freedom for tail in ((1 + level) / 2, (1 - level) / 2)
+    )
     return Estimate(1.0, low, high)
 
 
@@ -63,12 +67,20 @@ def paired_mean_difference(first: np.ndarray, second: np.ndarray, level: float =
     if np.ptp(difference) == 0:
         return Estimate(value, value, value)
     found = bootstrap(
-        (difference,), np.mean, confidence_level=level, n_resamples=RESAMPLES, rng=np.random.default_rng(0)
+        (difference,),
+        np.mean,
+        confidence_level=level,
+        n_resamples=RESAMPLES,
+        rng=np.random.default_rng(0),
     )
-    return Estimate(value, float(found.confidence_interval.low), float(found.confidence_interval.high))
+    return Estimate(
+        value, float(found.confidence_interval.low), float(found.confidence_interval.high)
+    )
 
 
-def paired_rate_difference(first: np.ndarray, second: np.ndarray, level: float = 0.95) -> tuple[Estimate, float]:
+def paired_rate_difference(
+    first: np.ndarray, second: np.ndarray, level: float = 0.95
+) -> tuple[Estimate, float]:
     """Rate of first - rate of second over pairs of bool (n,), and the p-value of McNemar's exact test.
 
     The difference is (2 s - 1) d, with d the part of the pairs that differ and s the part of those in which only
@@ -76,7 +88,11 @@ def paired_rate_difference(first: np.ndarray, second: np.ndarray, level: float =
     zero where the test rejects, and covers at least as often as it says (measured: 0.97 and more for 0.95).
     """
     first, second = np.asarray(first, dtype=bool), np.asarray(second, dtype=bool)
-    n, only_first, only_second = len(first), int(np.sum(first & ~second)), int(np.sum(second & ~first))
+    n, only_first, only_second = (
+        len(first),
+        int(np.sum(first & ~second)),
+        int(np.sum(second & ~first)),
+    )
     differ = only_first + only_second
     if n == 0:
         return NOTHING, float("nan")

@@ -47,11 +47,15 @@ def summary(rows: pd.DataFrame, seconds: Sequence[float] | None) -> Summary:
     )
 
 
-def summarise(rows: pd.DataFrame, labels: dict[str, Any], seconds: Sequence[float] | None) -> dict[str, str]:
+def summarise(
+    rows: pd.DataFrame, labels: dict[str, Any], seconds: Sequence[float] | None
+) -> dict[str, str]:
     """The columns of one line, as text."""
     found = summary(rows, seconds)
     line = {name: plain(value) for name, value in labels.items()}
-    line["trials"] = f"{found.trials} ({found.failed} failed)" if found.failed else str(found.trials)
+    line["trials"] = (
+        f"{found.trials} ({found.failed} failed)" if found.failed else str(found.trials)
+    )
     line["cost [95 %]"] = interval(found.cost, 2)
     line["sd"] = f"{found.sd:.2f}"
     line["collided % [95 %]"] = interval(found.collided.times(100), 1)
@@ -62,7 +66,9 @@ def summarise(rows: pd.DataFrame, labels: dict[str, Any], seconds: Sequence[floa
     return line
 
 
-def numbers(rows: pd.DataFrame, labels: dict[str, Any], seconds: Sequence[float] | None) -> dict[str, Any]:
+def numbers(
+    rows: pd.DataFrame, labels: dict[str, Any], seconds: Sequence[float] | None
+) -> dict[str, Any]:
     """The same for a machine: an estimate is three columns, NAME, NAME_low, NAME_high."""
     line = dict(labels)
     for name, value in summary(rows, seconds)._asdict().items():

@@ -35,9 +35,13 @@ def _misplaced(contents: Contents) -> Iterator[str]:
     current = superseded(contents) is None
     for part in contents.parts:
         configs = [source.get("config") for source in part.about["sources"]]
-        if current and not all(isinstance(config, dict) and belongs(config, contents.folder) for config in configs):
+        if current and not all(
+            isinstance(config, dict) and belongs(config, contents.folder) for config in configs
+        ):
             yield f"{part.path}: its configuration is not that of this cell"
-        said = [trial for source in part.about["sources"] for pair in source["trials"] for trial in pair]
+        said = [
+            trial for source in part.about["sources"] for pair in source["trials"] for trial in pair
+        ]
         inside, named = sorted(set(part.table["trial"].to_pylist())), _spread(part)
         if min([0, *inside, *said]) < 0 or named != ranges(inside):
             yield f"{part.path}: it has trials {_trials(inside)}, its runs {in_words(named, most=5)}"
@@ -48,7 +52,9 @@ def _misplaced(contents: Contents) -> Iterator[str]:
 def _spread(part: Stored) -> list[list[int]]:
     """The trials of all sources of a file, as ranges; overlapping ones stay apart."""
     found: list[list[int]] = []
-    for first, last in sorted(pair for source in part.about["sources"] for pair in source["trials"]):
+    for first, last in sorted(
+        pair for source in part.about["sources"] for pair in source["trials"]
+    ):
         if found and first == found[-1][1] + 1:
             found[-1][1] = last
         else:
@@ -64,7 +70,11 @@ def _foreign(part: Stored, config: Any) -> dict[str, list[Any]]:
         return {}
     found = {}
     for column in ("controller", "theta", "w_obs", "seed"):
-        values = [value for value in part.table[column].unique().to_pylist() if not _same(value, expected[column])]
+        values = [
+            value
+            for value in part.table[column].unique().to_pylist()
+            if not _same(value, expected[column])
+        ]
         if values:
             found[column] = values
     return found
@@ -76,11 +86,15 @@ def _same(one: Any, other: Any) -> bool:
 
 def disagreements(contents: Contents) -> list[str]:
     """Trials that more than one row says to have ended, and not the same way bit for bit."""
-    return _differing([part.table.select(COLUMNS).to_pandas() for part in contents.parts], ["trial"], "two rows")
+    return _differing(
+        [part.table.select(COLUMNS).to_pandas() for part in contents.parts], ["trial"], "two rows"
+    )
 
 
 def _steps_disagree(contents: Contents) -> list[str]:
-    return _differing([one.table.to_pandas() for one in contents.paths], ["trial", "step"], "two paths")
+    return _differing(
+        [one.table.to_pandas() for one in contents.paths], ["trial", "step"], "two paths"
+    )
 
 
 def _differing(frames: Sequence[pd.DataFrame], key: list[str], what: str) -> list[str]:
@@ -90,7 +104,9 @@ def _differing(frames: Sequence[pd.DataFrame], key: list[str], what: str) -> lis
     if "status" in rows:
         rows = rows[rows["status"].isin(FINAL)]
     twice = rows[rows.duplicated(key, keep=False)]
-    bits = pd.Series([repr(_plain(row)) for row in twice.to_dict("records")], index=twice.index, dtype=object)
+    bits = pd.Series(
+        [repr(_plain(row)) for row in twice.to_dict("records")], index=twice.index, dtype=object
+    )
     kinds = bits.groupby([twice[name] for name in key]).nunique()
     trials = sorted({int(at[0] if isinstance(at, tuple) else at) for at in kinds.index[kinds > 1]})
     return [f"trials {_trials(trials)}: {what} that differ"] if trials else []
@@ -111,7 +127,11 @@ def _loose_paths(contents: Contents) -> Iterator[str]:
         loose = [trial for trial in found if trial not in steps]
         if loose:
             yield f"{one.path}: trials {_trials(loose)} have no row (was a run killed? the same command goes on)"
-        gaps = [trial for trial in found if trial in steps and found[trial] != [*range(steps[trial] + 1)]]
+        gaps = [
+            trial
+            for trial in found
+            if trial in steps and found[trial] != [*range(steps[trial] + 1)]
+        ]
         if gaps:
             yield f"{one.path}: trials {_trials(gaps)} have not the steps that their rows say"
 

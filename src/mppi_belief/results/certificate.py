@@ -112,7 +112,13 @@ def at_least(computed: str, value: float, low: float, derived: str) -> Check:
 
 def near(computed: str, value: float, target: float, tolerance: float, derived: str) -> Check:
     """|value - target| <= tolerance."""
-    return Check(computed, float(value), float(target) - float(tolerance), float(target) + float(tolerance), derived)
+    return Check(
+        computed,
+        float(value),
+        float(target) - float(tolerance),
+        float(target) + float(tolerance),
+        derived,
+    )
 
 
 def rounding(computed: str, error: float, operations: float, scale: float = 1.0) -> Check:
@@ -124,16 +130,25 @@ def rounding(computed: str, error: float, operations: float, scale: float = 1.0)
 def quantile(points: int = 1, degrees: float = math.inf) -> float:
     """How many standard errors a true statement stays within at all of `points` points, but for `FALSE_ALARM`;
     `degrees` of freedom if the standard error was itself estimated."""
-    from scipy.stats import t as student_t  # a second to import, and the command line needs but the names
+    from scipy.stats import (
+        t as student_t,
+    )  # a second to import, and the command line needs but the names
 
     return float(student_t.isf(FALSE_ALARM / (2 * points), degrees))
 
 
 def within_errors(
-    computed: str, estimate: float, target: float, error: float, degrees: float = math.inf, bias: float = 0.0
+    computed: str,
+    estimate: float,
+    target: float,
+    error: float,
+    degrees: float = math.inf,
+    bias: float = 0.0,
 ) -> Check:
     """A Monte Carlo estimate of standard error `error` against the true value, known up to `bias`."""
-    derived = f"{quantile(1, degrees):.1f} standard errors" + (f" and a bias of {bias:.1g}" if bias else "")
+    derived = f"{quantile(1, degrees):.1f} standard errors" + (
+        f" and a bias of {bias:.1g}" if bias else ""
+    )
     return near(computed, estimate, target, quantile(1, degrees) * error + bias, derived)
 
 
@@ -165,7 +180,8 @@ def order(computed: str, expected: float, errors: Sequence[float], ratio: float 
 def as_dict(certificate: Certificate) -> dict[str, Any]:
     """The certificate for JSON; what is not finite becomes None."""
     panels = [
-        panel._asdict() | {"lines": [_plain(line._asdict()) for line in panel.lines]} for panel in certificate.panels
+        panel._asdict() | {"lines": [_plain(line._asdict()) for line in panel.lines]}
+        for panel in certificate.panels
     ]
     return certificate._asdict() | {
         "checks": [_plain(check._asdict()) for check in certificate.checks],
@@ -176,10 +192,19 @@ def as_dict(certificate: Certificate) -> dict[str, Any]:
 def from_dict(stored: Mapping[str, Any]) -> Certificate:
     """The certificate that `as_dict` made this of."""
     checks = [
-        Check(c["computed"], _number(c["value"]), _bound(c["low"], -1), _bound(c["high"], 1), c["derived"])
+        Check(
+            c["computed"],
+            _number(c["value"]),
+            _bound(c["low"], -1),
+            _bound(c["high"], 1),
+            c["derived"],
+        )
         for c in stored["checks"]
     ]
-    panels = [Panel(**{**panel, "lines": [_line(line) for line in panel["lines"]]}) for panel in stored["panels"]]
+    panels = [
+        Panel(**{**panel, "lines": [_line(line) for line in panel["lines"]]})
+        for panel in stored["panels"]
+    ]
     return Certificate(**{**stored, "checks": checks, "panels": panels})
 
 

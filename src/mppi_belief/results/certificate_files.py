@@ -18,7 +18,11 @@ class Stored(NamedTuple):
 
 def store(folder: Path, one: Stored) -> None:
     """Write a certificate; raises OSError."""
-    content = {"certificate": as_dict(one.certificate), "seconds": one.seconds, "source": one.source}
+    content = {
+        "certificate": as_dict(one.certificate),
+        "seconds": one.seconds,
+        "source": one.source,
+    }
     write_json(folder, one.certificate.name, content)
 
 
@@ -28,7 +32,11 @@ def load(folder: Path, names: Sequence[str] = NAMES) -> list[Stored]:
     for name in names:
         content = read_json(folder, name) or {}
         try:
-            one = Stored(from_dict(content["certificate"]), float(content["seconds"]), dict(content["source"]))
+            one = Stored(
+                from_dict(content["certificate"]),
+                float(content["seconds"]),
+                dict(content["source"]),
+            )
         except (KeyError, TypeError, ValueError):
             continue  # not there, or not a certificate: it counts as missing
         if one.certificate.name == name:

@@ -13,7 +13,15 @@ import pyarrow as pa
 from .audit import disagreements
 from .contents import Contents, read_cell, runs
 from .folder import files, leftovers, size
-from .table import FORMAT_VERSION, Stored, each_once, read_table, result_hash, table_digest, write_table
+from .table import (
+    FORMAT_VERSION,
+    Stored,
+    each_once,
+    read_table,
+    result_hash,
+    table_digest,
+    write_table,
+)
 
 STALE = 3600.0  # s: no file takes that long to be written
 
@@ -47,7 +55,11 @@ def _merge_parts(contents: Contents) -> None:
     if not contents.parts:
         return
     every, rows = _together(contents.parts), contents.rows
-    places = every.select(["trial", "status"]).to_pandas().assign(_file=_names(contents.parts), _at=range(len(every)))
+    places = (
+        every.select(["trial", "status"])
+        .to_pandas()
+        .assign(_file=_names(contents.parts), _at=range(len(every)))
+    )
     table, sources = every.take(pa.array(each_once(places)["_at"])), runs(contents, rows)
     if _needed(contents.parts, table, sources):
         made = write_table(contents.folder, "part", table, sources)
@@ -60,7 +72,13 @@ def _merge_paths(contents: Contents) -> None:
     if not contents.paths:
         return
     every, key = _together(contents.paths), ["trial", "step"]
-    places = every.select(key).to_pandas().assign(_at=range(len(every))).drop_duplicates(key).sort_values(key)
+    places = (
+        every.select(key)
+        .to_pandas()
+        .assign(_at=range(len(every)))
+        .drop_duplicates(key)
+        .sort_values(key)
+    )
     table = every.take(pa.array(places["_at"]))
     if _needed(contents.paths, table, []):
         made = write_table(contents.folder, "paths", table, [])
@@ -70,7 +88,9 @@ def _merge_paths(contents: Contents) -> None:
 
 def _together(stored: Sequence[Stored]) -> pa.Table:
     """The tables of some files, one after the other; what a file has no column for is empty."""
-    return pa.concat_tables([one.table.replace_schema_metadata() for one in stored], promote_options="default")
+    return pa.concat_tables(
+        [one.table.replace_schema_metadata() for one in stored], promote_options="default"
+    )
 
 
 def _names(stored: Sequence[Stored]) -> list[str]:

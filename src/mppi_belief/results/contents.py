@@ -48,7 +48,11 @@ class Contents(NamedTuple):
     def rows(self) -> pd.DataFrame:
         """Each trial once, as `mppi_belief.results.table.read_rows` has it, and `_file`, the name of its file."""
         frames = [part.table.to_pandas().assign(_file=part.path.name) for part in self.parts]
-        return each_once(pd.concat(frames, ignore_index=True)) if frames else pd.DataFrame(columns=["trial", "status"])
+        return (
+            each_once(pd.concat(frames, ignore_index=True))
+            if frames
+            else pd.DataFrame(columns=["trial", "status"])
+        )
 
     @property
     def formats(self) -> set[int]:
@@ -75,7 +79,11 @@ def origin(contents: Contents) -> Callable[[int, str], dict[str, Any]]:
     nothing: dict[str, Any] = {}
     spans: dict[str, list[tuple[int, int, dict[str, Any]]]] = {}
     for part in contents.parts:
-        pairs = ((first, last, source) for source in part.about["sources"] for first, last in source["trials"])
+        pairs = (
+            (first, last, source)
+            for source in part.about["sources"]
+            for first, last in source["trials"]
+        )
         spans[part.path.name] = sorted(pairs, key=lambda span: span[:2])
 
     def find(trial: int, file: str) -> dict[str, Any]:
@@ -89,12 +97,17 @@ def origin(contents: Contents) -> Callable[[int, str], dict[str, Any]]:
 def runs(contents: Contents, rows: pd.DataFrame) -> list[dict[str, Any]]:
     """One source for each run, with just the trials of these rows that it made (`_file` as `Contents.rows` has it) and
     the longest time since its start. Runs are the same where all but that is."""
-    find, known = origin(contents), dict[int, str]()  # by identity: rows of one source share the very same dict
+    find, known = (
+        origin(contents),
+        dict[int, str](),
+    )  # by identity: rows of one source share the very same dict
     found: dict[str, tuple[dict[str, Any], list[int], list[float]]] = {}
     for trial, file in zip(rows["trial"], rows.get("_file", ()), strict=True):
         source = find(trial, file)
         if id(source) not in known:
-            same = {name: value for name, value in source.items() if name not in ("trials", "elapsed")}
+            same = {
+                name: value for name, value in source.items() if name not in ("trials", "elapsed")
+            }
             known[id(source)] = json.dumps(same, sort_keys=True)
             times = found.setdefault(known[id(source)], (same, [], []))[2]
             times += [source["elapsed"]] if "elapsed" in source else []
@@ -112,13 +125,19 @@ def row_of(contents: Contents, trial: int) -> tuple[dict[str, Any], dict[str, An
         file, status = str(rows.at[at, "_file"]), rows.at[at, "status"]
         (part,) = (part for part in contents.parts if part.path.name == file)
         written = part.table.filter(pc.field("trial") == trial).to_pylist()
-        return next(row for row in written if row["status"] == status), origin(contents)(trial, file)
+        return next(row for row in written if row["status"] == status), origin(contents)(
+            trial, file
+        )
     return None
 
 
 def path_of(contents: Contents, trial: int) -> list[dict[str, Any]]:
     """The steps that were kept of a trial: step, state, mean, cov (flat), control; empty where none were."""
-    steps = [step for one in contents.paths for step in one.table.filter(pc.field("trial") == trial).to_pylist()]
+    steps = [
+        step
+        for one in contents.paths
+        for step in one.table.filter(pc.field("trial") == trial).to_pylist()
+    ]
     return [step for _, step in sorted({step["step"]: step for step in steps}.items())]
 
 
@@ -127,9 +146,13 @@ def superseded(contents: Contents) -> str | None:
     config = contents.config
     if config is None:
         return None
-    versions = {source.get("algorithm", ALGORITHM_VERSION) for source in contents.sources} - {ALGORITHM_VERSION}
+    versions = {source.get("algorithm", ALGORITHM_VERSION) for source in contents.sources} - {
+        ALGORITHM_VERSION
+    }
     if versions:
-        return f"algorithm {', '.join(map(str, sorted(versions, key=str)))}, today {ALGORITHM_VERSION}"
+        return (
+            f"algorithm {', '.join(map(str, sorted(versions, key=str)))}, today {ALGORITHM_VERSION}"
+        )
     missing = [key for key in IDENTITY if key not in config]
     return f"made before there was {missing[0]}" if missing else None
 
@@ -147,7 +170,9 @@ def settings(contents: Contents) -> dict[str, Any]:
     config = contents.config or {}
     try:
         found = labels(config)
-        how = {name: config.get(name) for name in ("precision", "platform", "batch") if name in config}
+        how = {
+            name: config.get(name) for name in ("precision", "platform", "batch") if name in config
+        }
         return found | {"system": config["names"]["system"]} | how
     except (KeyError, TypeError, AttributeError):
         return {}
@@ -156,4 +181,7 @@ def settings(contents: Contents) -> dict[str, Any]:
 def counts(rows: pd.DataFrame) -> dict[str, int]:
     """Rows by status, good ones first."""
     found = {str(status): int(count) for status, count in rows["status"].value_counts().items()}
-    return {status: found[status] for status in sorted(found, key=lambda status: (status != "ok", status))}
+    return {
+        status: found[status]
+        for status in sorted(found, key=lambda status: (status != "ok", status))
+    }

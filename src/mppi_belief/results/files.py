@@ -9,7 +9,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-TEMPORARY = ".tmp-"  # how the name of a file begins while it is written; a killed writer leaves one behind
+TEMPORARY = (
+    ".tmp-"  # how the name of a file begins while it is written; a killed writer leaves one behind
+)
 _DIGEST = "digest"
 
 

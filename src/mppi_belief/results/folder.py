@@ -71,7 +71,9 @@ def age(paths: Collection[Path]) -> float:
 
 def leftovers(folder: Path, older: float) -> list[Path]:
     """What writers that were killed have left behind, more than `older` seconds ago."""
-    return [path for path in files(folder) if path.name.startswith(TEMPORARY) and age([path]) > older]
+    return [
+        path for path in files(folder) if path.name.startswith(TEMPORARY) and age([path]) > older
+    ]
 
 
 def _stats(paths: Collection[Path]) -> Iterator[os.stat_result]:

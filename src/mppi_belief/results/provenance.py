@@ -12,7 +12,17 @@ from typing import Any
 from ..config.cell import ALGORITHM_VERSION
 from ..config.environment import threads
 
-_PACKAGES = ("mppi-belief", "jax", "jaxlib", "numpy", "scipy", "pandas", "pyarrow", "hydra-core", "omegaconf")
+_PACKAGES = (
+    "mppi-belief",
+    "jax",
+    "jaxlib",
+    "numpy",
+    "scipy",
+    "pandas",
+    "pyarrow",
+    "hydra-core",
+    "omegaconf",
+)
 
 
 def provenance(command: list[str]) -> dict[str, Any]:
@@ -21,7 +31,10 @@ def provenance(command: list[str]) -> dict[str, Any]:
         "command": command,
         "started": datetime.now(UTC).isoformat(timespec="seconds"),
         "algorithm": ALGORITHM_VERSION,
-        "versions": {"python": platform.python_version(), **{name: version(name) for name in _PACKAGES}},
+        "versions": {
+            "python": platform.python_version(),
+            **{name: version(name) for name in _PACKAGES},
+        },
         **where(),
         "threads": threads(),
         **_commit(Path(__file__).resolve().parents[3]),
@@ -34,13 +47,18 @@ def _commit(root: Path) -> dict[str, Any]:
         return {"commit": None, "dirty": None}
     try:
         head = _git(root, "rev-parse", "HEAD")
-        return {"commit": head, "dirty": bool(_git(root, "status", "--porcelain", "--untracked-files=no"))}
+        return {
+            "commit": head,
+            "dirty": bool(_git(root, "status", "--porcelain", "--untracked-files=no")),
+        }
     except (OSError, subprocess.CalledProcessError):
         return {"commit": None, "dirty": None}
 
 
 def _git(root: Path, *args: str) -> str:
-    done = subprocess.run(["git", "-C", str(root), *args], capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        ["git", "-C", str(root), *args], capture_output=True, text=True, check=True
+    )
     return done.stdout.strip()
 
 

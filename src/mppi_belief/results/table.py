@@ -57,7 +57,11 @@ _SINCE_3 = ("nees", "nis")
 _ROWS = pa.schema(list(_TYPES.items()))
 _NUMBERS = pa.list_(pa.float64())
 _PATHS = pa.schema(
-    {"trial": pa.int64(), "step": pa.int64(), **dict.fromkeys(("state", "mean", "cov", "control"), _NUMBERS)}
+    {
+        "trial": pa.int64(),
+        "step": pa.int64(),
+        **dict.fromkeys(("state", "mean", "cov", "control"), _NUMBERS),
+    }
 )
 
 
@@ -75,20 +79,32 @@ def write_paths(folder: Path, rows: Sequence[dict[str, Any]]) -> None:
     """One file with the trajectories of these trials."""
     table = pa.table(
         {
-            name: pa.array([row[name] if name in ("trial", "step") else row[name].tolist() for row in rows])
+            name: pa.array(
+                [row[name] if name in ("trial", "step") else row[name].tolist() for row in rows]
+            )
             for name in rows[0]
         }
     )
     write_table(folder, "paths", table, [])
 
 
-def write_table(folder: Path, kind: str, table: pa.Table, sources: Sequence[dict[str, Any]]) -> Path:
+def write_table(
+    folder: Path, kind: str, table: pa.Table, sources: Sequence[dict[str, Any]]
+) -> Path:
     """A file of one kind, "part" or "paths", named by its trials and its content; the path it has."""
     trials, content = table["trial"].to_pylist(), table_digest(table)
-    about = {"format": FORMAT_VERSION, "cell": folder.name, "digest": content, "sources": list(sources)}
+    about = {
+        "format": FORMAT_VERSION,
+        "cell": folder.name,
+        "digest": content,
+        "sources": list(sources),
+    }
     told = table.replace_schema_metadata({_KEY: json.dumps({**about, _SEAL: digest(about)})})
     path = folder / f"{kind}-{min(trials):06d}-{max(trials):06d}-{content[:8]}.parquet"
-    write_whole(path, lambda place: pq.write_table(told, place, compression="zstd", write_page_checksum=True))
+    write_whole(
+        path,
+        lambda place: pq.write_table(told, place, compression="zstd", write_page_checksum=True),
+    )
     return path
 
 
@@ -101,7 +117,9 @@ def table_digest(table: pa.Table) -> str:
             found.update(column.value_lengths().to_numpy(zero_copy_only=False).tobytes())
             column = column.flatten()
         found.update(f"{name} {column.type} {len(column)} ".encode())
-        if pa.types.is_floating(column.type) or (pa.types.is_integer(column.type) and not column.null_count):
+        if pa.types.is_floating(column.type) or (
+            pa.types.is_integer(column.type) and not column.null_count
+        ):
             found.update(column.to_numpy(zero_copy_only=False).tobytes())
         else:
             found.update(json.dumps(column.to_pylist()).encode())
@@ -143,7 +161,9 @@ def read_table(path: Path) -> tuple[dict[str, Any], pa.Table]:
         raise ValueError("what it says of itself is not what was written")
     if version == 1:
         trials = table["trial"].to_pylist() if "trial" in table.column_names else []
-        sources = [{"trials": ranges(set(trials)), **about}] if path.name.startswith("part-") else []
+        sources = (
+            [{"trials": ranges(set(trials)), **about}] if path.name.startswith("part-") else []
+        )
         about = {"format": 1, "sources": sources}
     if version > FORMAT_VERSION:
         raise ValueError(f"format {version} is of a newer mppi-belief")
@@ -172,7 +192,9 @@ def _are_sources(found: Any) -> bool:
     if not isinstance(found, list) or not all(isinstance(one, list) for one in trials):
         return False
     pairs = [pair for one in trials for pair in one or ()]
-    return all(isinstance(pair, list) and [type(part) for part in pair] == [int, int] for pair in pairs)
+    return all(
+        isinstance(pair, list) and [type(part) for part in pair] == [int, int] for pair in pairs
+    )
 
 
 class Stored(NamedTuple):
@@ -193,7 +215,9 @@ def read_steps(folder: Path, warn: Callable[[str], object] = _ignore) -> list[St
     return _read(folder, "paths", _PATHS, warn)
 
 
-def _read(folder: Path, kind: str, schema: pa.Schema, warn: Callable[[str], object]) -> list[Stored]:
+def _read(
+    folder: Path, kind: str, schema: pa.Schema, warn: Callable[[str], object]
+) -> list[Stored]:
     """The files of one kind. They are listed anew where one of them has gone, merged into another meanwhile."""
     for _ in range(ATTEMPTS):
         paths, found, lines, gone = sorted(folder.glob(f"{kind}-*.parquet")), [], [], False
@@ -215,7 +239,9 @@ def _read(folder: Path, kind: str, schema: pa.Schema, warn: Callable[[str], obje
 def _known_first(table: pa.Table, schema: pa.Schema) -> pa.Table:
     """The columns of the schema in its types, then the others; raises KeyError or an Arrow exception. What an older
     format did not have is empty."""
-    for name in [name for name in _SINCE_3 if name in schema.names and name not in table.column_names]:
+    for name in [
+        name for name in _SINCE_3 if name in schema.names and name not in table.column_names
+    ]:
         table = table.append_column(name, pa.nulls(len(table), schema.field(name).type))
     others = [name for name in table.column_names if name not in schema.names]
     known = table.select(schema.names).cast(schema)
@@ -231,7 +257,9 @@ def read_rows(folder: Path, warn: Callable[[str], object] = _ignore) -> pd.DataF
 
 def rows_of(parts: Sequence[Stored]) -> pd.DataFrame:
     """The rows of part files by trial, each trial once."""
-    frames = [part.table.select(_ROWS.names).to_pandas().assign(_file=part.path.name) for part in parts]
+    frames = [
+        part.table.select(_ROWS.names).to_pandas().assign(_file=part.path.name) for part in parts
+    ]
     if not frames:
         return pd.DataFrame(columns=[*_TYPES])
     return each_once(pd.concat(frames, ignore_index=True)).drop(columns="_file")
@@ -248,7 +276,11 @@ def read_paths(folder: Path, warn: Callable[[str], object] = _ignore) -> pd.Data
     frames = [one.table.select(_PATHS.names).to_pandas() for one in read_steps(folder, warn)]
     if not frames:
         return pd.DataFrame(columns=_PATHS.names)
-    return pd.concat(frames).drop_duplicates(["trial", "step"]).sort_values(["trial", "step"], ignore_index=True)
+    return (
+        pd.concat(frames)
+        .drop_duplicates(["trial", "step"])
+        .sort_values(["trial", "step"], ignore_index=True)
+    )
 
 
 def sources_of(parts: Sequence[Stored], trials: Collection[int]) -> list[dict[str, Any]]:
@@ -267,7 +299,9 @@ def _holds(within: Sequence[Sequence[int]], trials: Sequence[int]) -> bool:
 def result_hash(rows: pd.DataFrame) -> str:
     """A hash of everything in the rows: equal if and only if the results are, bit for bit."""
     ordered = rows.sort_values("trial")[[*_TYPES]]
-    return hashlib.sha256(ordered.to_csv(index=False, float_format="%.17g", na_rep="none").encode()).hexdigest()[:16]
+    return hashlib.sha256(
+        ordered.to_csv(index=False, float_format="%.17g", na_rep="none").encode()
+    ).hexdigest()[:16]
 
 
 FINAL = ("ok", "diverged")  # how a trial ends by itself: the same configuration ends it the same

@@ -51,7 +51,9 @@ class Cluster:
         self.count = count
         self._connect = connect
         self._site: Site | None = None
-        self._setup = pickle.dumps((setup, {name: version(name) for name in SAME}, sys.version_info[:2]))
+        self._setup = pickle.dumps(
+            (setup, {name: version(name) for name in SAME}, sys.version_info[:2])
+        )
         self._tasks: dict[Future[Any], Any] = {}
         self._homes: WeakKeyDictionary[Future[Any], str] = WeakKeyDictionary()
         self._here, self._seen, self._waits = 0, 0.0, False
@@ -74,7 +76,11 @@ class Cluster:
             self.site.tend([worker["name"] for worker in workers])
             if not workers and not self._waits:
                 self._waits = True
-                note(f"waiting for {self.count} workers" if self.count > 1 else "waiting for a worker")
+                note(
+                    f"waiting for {self.count} workers"
+                    if self.count > 1
+                    else "waiting for a worker"
+                )
         return self._here - len(self._tasks)
 
     def submit(self, function: Callable[..., Any], *args: Any) -> Future[Any]:
@@ -111,13 +117,19 @@ class Cluster:
         if future in self._homes:
             self._seen = 0.0
             with _reached():
-                self.site.client.run(_exit, workers=[self._homes[future]], wait=False, on_error="ignore")
+                self.site.client.run(
+                    _exit, workers=[self._homes[future]], wait=False, on_error="ignore"
+                )
 
     def withdraw(self, futures: Iterable[Future[Any]]) -> list[Future[Any]]:
         """Take back what no worker has begun; what was taken back."""
         with _reached():
             begun = {key for keys in self.site.client.processing().values() for key in keys}
-        waiting = [future for future in futures if self._tasks[future].key not in begun and not future.done()]
+        waiting = [
+            future
+            for future in futures
+            if self._tasks[future].key not in begun and not future.done()
+        ]
         for future in waiting:
             self._tasks.pop(future).cancel()
         return waiting
@@ -202,14 +214,24 @@ def _check(setup: Setup, versions: Mapping[str, str], python: tuple[int, int], w
     mine = {name: version(name) for name in SAME}
     for name, wanted in versions.items():
         if mine[name] != wanted:
-            raise ConfigError(f"the worker {worker.address} has {name} {mine[name]}, here it is {wanted}")
+            raise ConfigError(
+                f"the worker {worker.address} has {name} {mine[name]}, here it is {wanted}"
+            )
     if sys.version_info[:2] != python:
-        raise ConfigError(f"the worker {worker.address} runs Python {sys.version_info[0]}.{sys.version_info[1]}")
+        raise ConfigError(
+            f"the worker {worker.address} runs Python {sys.version_info[0]}.{sys.version_info[1]}"
+        )
     threads = worker.state.nthreads
     if threads != 1:
-        raise ConfigError(f"the worker {worker.address} has {threads} threads: start it with --nthreads 1")
+        raise ConfigError(
+            f"the worker {worker.address} has {threads} threads: start it with --nthreads 1"
+        )
     for folder in setup.import_paths:
         if not Path(folder).is_dir():
-            raise ConfigError(f"--config-dir: the worker {worker.address} does not see {folder}; it must be shared")
+            raise ConfigError(
+                f"--config-dir: the worker {worker.address} does not see {folder}; it must be shared"
+            )
     if _entered and _entered[0].variables != setup.variables and "jax" in sys.modules:
-        raise ConfigError(f"the worker {worker.address} was set up for another environment: start it again")
+        raise ConfigError(
+            f"the worker {worker.address} was set up for another environment: start it again"
+        )

@@ -71,7 +71,9 @@ def read(node: dict[str, Any]) -> Local | Dask | Slurm:
         made: Any = OmegaConf.to_object(OmegaConf.merge(OmegaConf.structured(kind), given))
     except OmegaConfBaseException as error:
         key = getattr(error, "full_key", None) or next(iter(given), "")
-        raise ConfigError(f"executor.{key}={given.get(key)}: {str(error).splitlines()[0]}") from error
+        raise ConfigError(
+            f"executor.{key}={given.get(key)}: {str(error).splitlines()[0]}"
+        ) from error
     _check(made)
     return made
 
@@ -84,9 +86,13 @@ def _check(settings: Local | Dask | Slurm) -> None:
         if not re.fullmatch(r"\d+(\.\d+)?\s*[KMGT]i?B", settings.memory):
             raise ConfigError(f"executor.memory={settings.memory}: must be an amount such as 2GB")
         if not re.fullmatch(r"(\d+-)?\d{1,2}:\d{2}:\d{2}", settings.walltime):
-            raise ConfigError(f"executor.walltime={settings.walltime}: must be a time such as 01:30:00")
+            raise ConfigError(
+                f"executor.walltime={settings.walltime}: must be a time such as 01:30:00"
+            )
         if settings.workers_per_job < 1:
-            raise ConfigError(f"executor.workers_per_job={settings.workers_per_job}: must be at least 1")
+            raise ConfigError(
+                f"executor.workers_per_job={settings.workers_per_job}: must be at least 1"
+            )
 
 
 def workers(node: dict[str, Any], count: int, setup: Setup, everything: dict[str, str]) -> Workers:
@@ -117,13 +123,17 @@ def _start(cluster: Callable[[], Any]) -> tuple[Any, Any]:
     import dask
     from distributed import Client
 
-    dask.config.set({"distributed.scheduler.allowed-failures": 0})  # the pool decides what is tried again
+    dask.config.set(
+        {"distributed.scheduler.allowed-failures": 0}
+    )  # the pool decides what is tried again
     try:
         with masked():  # workers must not answer a Ctrl-C in the terminal
             made = cluster()
             return made, Client(made)
     except (OSError, RuntimeError, ValueError) as error:
-        raise ConfigError(f"executor: no scheduler starts here: {str(error).splitlines()[0]}") from error
+        raise ConfigError(
+            f"executor: no scheduler starts here: {str(error).splitlines()[0]}"
+        ) from error
 
 
 def _dask(settings: Dask, count: int) -> Site:
@@ -136,7 +146,9 @@ def _dask(settings: Dask, count: int) -> Site:
     try:
         return Site(Client(settings.address, timeout=settings.patience), lambda: None)
     except (OSError, ValueError) as error:
-        raise WorkersGone(f"executor.address={settings.address}: no scheduler answers ({error})") from error
+        raise WorkersGone(
+            f"executor.address={settings.address}: no scheduler answers ({error})"
+        ) from error
 
 
 def _slurm(settings: Slurm, count: int) -> Site:
@@ -147,10 +159,17 @@ def _slurm(settings: Slurm, count: int) -> Site:
         raise ConfigError("executor=slurm: there is no sbatch on this machine")
     options = {"interface": settings.interface, "dashboard_address": ":0"}
     scheduler = {"cls": Scheduler, "options": options}
-    cluster, client = _start(lambda: SpecCluster(workers={}, scheduler=scheduler, silence_logs=logging.CRITICAL))
+    cluster, client = _start(
+        lambda: SpecCluster(workers={}, scheduler=scheduler, silence_logs=logging.CRITICAL)
+    )
     per_job = min(settings.workers_per_job, count)
     name = f"mppi-belief-{uuid.uuid4().hex[:8]}"
-    jobs = Jobs(script(settings, per_job, name, cluster.scheduler_address), name, math.ceil(count / per_job), per_job)
+    jobs = Jobs(
+        script(settings, per_job, name, cluster.scheduler_address),
+        name,
+        math.ceil(count / per_job),
+        per_job,
+    )
 
     def end() -> None:
         jobs.end()
@@ -164,7 +183,9 @@ def script(settings: Slurm, per_job: int, name: str, address: str) -> str:
     `jobqueue.slurm` of the user's own Dask configuration."""
     from dask.utils import parse_bytes
 
-    with masked():  # dask_jobqueue answers Ctrl-C in its own way from its import on, and with exit code 0
+    with (
+        masked()
+    ):  # dask_jobqueue answers Ctrl-C in its own way from its import on, and with exit code 0
         answer = signal.getsignal(signal.SIGINT)
         from dask_jobqueue.slurm import SLURMJob
 

@@ -58,7 +58,9 @@ class Lane:
         if self._executor is None:
             others = {*multiprocessing.active_children()}
             context = multiprocessing.get_context("spawn")
-            self._executor = ProcessPoolExecutor(1, context, initializer=start_worker, initargs=(self._setup,))
+            self._executor = ProcessPoolExecutor(
+                1, context, initializer=start_worker, initargs=(self._setup,)
+            )
             self._started = self._executor.submit(ready)
             self._processes = {*multiprocessing.active_children()} - others
             # the only other end of the worker's pipe: whoever holds it waits forever for the rest of a result whose
@@ -70,7 +72,9 @@ class Lane:
     @property
     def started(self) -> bool:
         """Whether the process has ever answered."""
-        return self._started is not None and self._started.done() and self._started.exception() is None
+        return (
+            self._started is not None and self._started.done() and self._started.exception() is None
+        )
 
     def kill(self) -> None:
         for process in self._processes:
@@ -102,7 +106,9 @@ class Lanes:
 
     def submit(self, function: Callable[..., Any], *args: Any) -> Future[Any]:
         """Let an idle worker do something, rather one that runs than a new one."""
-        lane = min((lane for lane in self._lanes if not lane.busy), key=lambda lane: not lane.started)
+        lane = min(
+            (lane for lane in self._lanes if not lane.busy), key=lambda lane: not lane.started
+        )
         return lane.submit(function, *args)
 
     def collect(self, future: Future[Any]) -> Any:
@@ -114,7 +120,9 @@ class Lanes:
             self._stillborn = 0 if lane.started else self._stillborn + 1
             lane.close(kill=True)
             if self._stillborn >= STARTS:
-                raise WorkersGone(f"{STARTS} worker processes in a row died while they started") from error
+                raise WorkersGone(
+                    f"{STARTS} worker processes in a row died while they started"
+                ) from error
             raise WorkerDied("the worker process died") from error
         finally:
             if future.done():

@@ -32,7 +32,9 @@ class Shard(NamedTuple):
         """A shard from "i/n"; raises `ConfigError`."""
         found = re.fullmatch(r"([1-9]\d{0,6})/([1-9]\d{0,6})", text)
         if found is None or int(found[1]) > int(found[2]):
-            raise ConfigError(f"shard={text}: must be i/n with 1 <= i <= n, for instance 3/10: the third of ten parts")
+            raise ConfigError(
+                f"shard={text}: must be i/n with 1 <= i <= n, for instance 3/10: the third of ten parts"
+            )
         return cls(int(found[1]), int(found[2]))
 
     def has(self, batch: int) -> bool:
@@ -44,16 +46,25 @@ WHOLE = Shard(1, 1)
 
 
 def chunks(
-    cell: Cell, n_trials: int, done: Collection[int], workers: int, shard: Shard = WHOLE, place: int = 0
+    cell: Cell,
+    n_trials: int,
+    done: Collection[int],
+    workers: int,
+    shard: Shard = WHOLE,
+    place: int = 0,
 ) -> list[Chunk]:
     """The trials 0..n_trials-1 that are not done, in pieces small enough to share out and to lose; whole batches.
 
     `place` counts the cells before this one: it spreads short cells over the shards.
     """
     size = cell.config["batch"]
-    trials = [trial for trial in range(n_trials) if trial not in done and shard.has(place + trial // size)]
+    trials = [
+        trial for trial in range(n_trials) if trial not in done and shard.has(place + trial // size)
+    ]
     missing = list(batches(trials, size))
     share = math.ceil(len(missing) / workers)
     count = min(share, max(math.ceil(SMALLEST_CHUNK / size), math.ceil(share / 200)))
     starts = range(0, len(missing), max(count, 1))
-    return [Chunk(cell, tuple(itertools.chain.from_iterable(missing[at : at + count]))) for at in starts]
+    return [
+        Chunk(cell, tuple(itertools.chain.from_iterable(missing[at : at + count]))) for at in starts
+    ]

@@ -61,7 +61,11 @@ class Pool:
     """Runs `work(config, trials)` on chunks; a batch of trials may take `seconds` (None: as long as it likes)."""
 
     def __init__(
-        self, work: Callable[..., Any], workers: Workers, log: Callable[[str], None], seconds: float | None = None
+        self,
+        work: Callable[..., Any],
+        workers: Workers,
+        log: Callable[[str], None],
+        seconds: float | None = None,
     ) -> None:
         self._work, self._workers, self._log, self._seconds = work, workers, log, seconds
         self._waiting, self._again = deque[Chunk](), deque[Chunk]()
@@ -80,7 +84,9 @@ class Pool:
         """End the workers: when they are idle, or at once."""
         self._workers.close(kill=kill)
 
-    def run(self, chunks: Iterable[Chunk], tick: Callable[[], object] = lambda: None) -> Iterator[Done]:
+    def run(
+        self, chunks: Iterable[Chunk], tick: Callable[[], object] = lambda: None
+    ) -> Iterator[Done]:
         """Yield every trial with its result, or with `Lost`, as they come, and call `tick` now and then.
 
         Raises `ConfigError` where the work does, `WorkersGone` if there is nobody to do it.
@@ -93,7 +99,9 @@ class Pool:
                 for future in self._workers.withdraw([*self._running]):
                     del self._running[future]
             self._fill()
-            settled, trouble = self._gather(wait(self._running, timeout=TICK, return_when=FIRST_COMPLETED).done)
+            settled, trouble = self._gather(
+                wait(self._running, timeout=TICK, return_when=FIRST_COMPLETED).done
+            )
             if trouble is None:
                 self._fill()  # nobody waits while results are written
             yield from settled
@@ -121,7 +129,11 @@ class Pool:
         while not wait([future], timeout=TICK).done:
             if self._stopping.is_set() and self._workers.withdraw([future]):
                 self._stop_waiting()
-            if not overdue and self._seconds is not None and self._workers.age(future) > self._seconds + PATIENCE:
+            if (
+                not overdue
+                and self._seconds is not None
+                and self._workers.age(future) > self._seconds + PATIENCE
+            ):
                 self._workers.discard(future)  # it cannot look at the clock itself
                 overdue = True
         try:
@@ -150,9 +162,15 @@ class Pool:
         return settled, trouble
 
     def _fill(self) -> None:
-        while (self._waiting or self._again) and not self._stopping.is_set() and self._workers.room() > 0:
+        while (
+            (self._waiting or self._again)
+            and not self._stopping.is_set()
+            and self._workers.room() > 0
+        ):
             chunk = self._again.popleft() if self._again else self._next()
-            future = self._workers.submit(run_chunk, self._work, chunk.cell.config, chunk.trials, self._seconds)
+            future = self._workers.submit(
+                run_chunk, self._work, chunk.cell.config, chunk.trials, self._seconds
+            )
             self._running[future] = chunk
 
     def _next(self) -> Chunk:
@@ -160,8 +178,14 @@ class Pool:
         chunk = self._waiting.popleft()
         trials, cell = [*chunk.trials], chunk.cell
         pace = self._pace.get(cell.id, math.inf)
-        most = min(self._workers.grain / max(pace, 1e-9), self._left[cell.id] / (2 * self._workers.count))
-        while self._waiting and (after := self._waiting[0]).cell is cell and len(trials) + len(after.trials) <= most:
+        most = min(
+            self._workers.grain / max(pace, 1e-9), self._left[cell.id] / (2 * self._workers.count)
+        )
+        while (
+            self._waiting
+            and (after := self._waiting[0]).cell is cell
+            and len(trials) + len(after.trials) <= most
+        ):
             trials += self._waiting.popleft().trials
         self._left[cell.id] -= len(trials)
         return chunk._replace(trials=tuple(trials))
@@ -181,7 +205,9 @@ class Pool:
             yield Done(*chunk, Lost("error", f"{type(error).__name__}: {error}"), {})
             return
         pace = report.seconds / max(sum(len(trials) for trials, _ in report.done), 1)
-        self._pace[chunk.cell.id] = min(pace, self._pace.get(chunk.cell.id, math.inf))  # the first compiles
+        self._pace[chunk.cell.id] = min(
+            pace, self._pace.get(chunk.cell.id, math.inf)
+        )  # the first compiles
         for trials, outcome in report.done:
             yield Done(chunk.cell, trials, outcome, report.where)
             if isinstance(outcome, Lost) and outcome.status == "timeout":
@@ -189,14 +215,18 @@ class Pool:
                 self._workers.discard(future)
         if report.unfinished:
             self._again.append(chunk._replace(trials=report.unfinished))
-        if report.mistake is not None:  # no trial's own fault: nothing of this chunk may count as done
+        if (
+            report.mistake is not None
+        ):  # no trial's own fault: nothing of this chunk may count as done
             raise ConfigError(report.mistake)
 
     def _bury(self, chunk: Chunk, overdue: bool) -> Iterator[Done]:
         """What to do about a chunk whose worker died."""
         name = _name(chunk.cell, chunk.trials)
         if len(chunk.trials) > 1:
-            self._log(f"{name}: {'ended a worker that hangs' if overdue else 'a worker died'}; running them again")
+            self._log(
+                f"{name}: {'ended a worker that hangs' if overdue else 'a worker died'}; running them again"
+            )
             middle = len(chunk.trials) // 2
             parts = chunk.trials[middle:], chunk.trials[:middle]
             self._again.extendleft(chunk._replace(trials=part) for part in parts)
@@ -211,7 +241,11 @@ class Pool:
             self._again.appendleft(chunk)
         else:
             self._log(f"{name}: it killed its worker {STRIKES} times; given up")
-            yield Done(*chunk, Lost("crashed", f"the worker process died {STRIKES} times in this trial"), {})
+            yield Done(
+                *chunk,
+                Lost("crashed", f"the worker process died {STRIKES} times in this trial"),
+                {},
+            )
 
     def _look_at_the_clock(self) -> None:
         """End workers that are so late that they cannot even look at the clock themselves."""
@@ -219,7 +253,10 @@ class Pool:
             return
         for future, chunk in self._running.items():
             count = len([*batches(chunk.trials, chunk.cell.config["batch"])])
-            if future not in self._overdue and self._workers.age(future) > self._seconds * count + PATIENCE:
+            if (
+                future not in self._overdue
+                and self._workers.age(future) > self._seconds * count + PATIENCE
+            ):
                 self._overdue.add(future)
                 self._workers.discard(future)
 

@@ -23,13 +23,20 @@ from .writer import Ledger
 
 
 def run_study(
-    cells: Sequence[Cell], order: Order, root: Path, task: Task, workers: Workers, command: list[str]
+    cells: Sequence[Cell],
+    order: Order,
+    root: Path,
+    task: Task,
+    workers: Workers,
+    command: list[str],
 ) -> Outcome:
     """Run the missing trials of all cells and time their control steps.
 
     Raises OSError where it cannot write, `ConfigError` where a cell cannot be run, `WorkersGone` if nobody can run it.
     """
-    done = {cell.id: _done(results.read_rows(root / cell.id, say), order.retry_failed) for cell in cells}
+    done = {
+        cell.id: _done(results.read_rows(root / cell.id, say), order.retry_failed) for cell in cells
+    }
     found = {cell.id: sum(trial < order.n_trials for trial in done[cell.id]) for cell in cells}
     todo = [
         chunk
@@ -63,7 +70,9 @@ def _done(rows: pd.DataFrame, retry_failed: bool) -> set[int]:
     return set(rows["trial"][rows["status"].isin(FINAL)] if retry_failed else rows["trial"])
 
 
-def _run(pool: Pool, todo: Sequence[Chunk], ledger: Ledger, ran: dict[str, int], found: int) -> None:
+def _run(
+    pool: Pool, todo: Sequence[Chunk], ledger: Ledger, ran: dict[str, int], found: int
+) -> None:
     """Run all chunks; whatever ends this, what has come back is written."""
     total = sum(len(chunk.trials) for chunk in todo)
     if found and total:
@@ -78,7 +87,9 @@ def _run(pool: Pool, todo: Sequence[Chunk], ledger: Ledger, ran: dict[str, int],
         ledger.write()
 
 
-def _check(todo: Sequence[Chunk], root: Path, task: Task, pool: Pool, workers: Workers) -> str | None:
+def _check(
+    todo: Sequence[Chunk], root: Path, task: Task, pool: Pool, workers: Workers
+) -> str | None:
     """The device on which all is to run, once it is clear that all can be; None if there is nothing to run."""
     cells = list({chunk.cell.id: chunk.cell for chunk in todo}.values())
     device = None if workers.elsewhere or not cells else task.device(cells[0].config)
@@ -94,18 +105,26 @@ def _device_of_workers(config: dict[str, Any], task: Task, pool: Pool) -> str:
     try:
         return str(pool.call(task.device, config))
     except WorkerDied as error:
-        raise ConfigError(f"platform={config['platform']}: {error} when it looked for its device") from error
+        raise ConfigError(
+            f"platform={config['platform']}: {error} when it looked for its device"
+        ) from error
 
 
 def _progress(total: int, initial: int) -> Any:
-    return tqdm(total=total, initial=initial, unit="trial", disable=None, smoothing=0.1, dynamic_ncols=True)
+    return tqdm(
+        total=total, initial=initial, unit="trial", disable=None, smoothing=0.1, dynamic_ncols=True
+    )
 
 
 def _extras(root: Path, cell: Cell, pool: Pool, task: Task) -> None:
     """What is made once for each cell, while no worker is busy: the Time column, a recording if it asks for one."""
     _once(root / cell.id, "timing", lambda: {"seconds": pool.call(task.time_steps, cell.config)})
     if cell.config.get("record") is not None:
-        _once(root / cell.id, f"recording-{cell.config['record']}", lambda: pool.call(task.record, cell.config))
+        _once(
+            root / cell.id,
+            f"recording-{cell.config['record']}",
+            lambda: pool.call(task.record, cell.config),
+        )
 
 
 def _once(folder: Path, name: str, make: Callable[[], Any]) -> None:

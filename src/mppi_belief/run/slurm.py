@@ -16,7 +16,11 @@ from .local import STARTS, WorkersGone
 
 SOONEST, LATEST = 1.0, 30.0  # s between two looks at the queue
 PATIENCE = 60.0  # s that a command of Slurm may take
-UNREACHABLE = ("contact", "timed out", "timeout")  # what Slurm says where only its controller is away
+UNREACHABLE = (
+    "contact",
+    "timed out",
+    "timeout",
+)  # what Slurm says where only its controller is away
 
 
 class Jobs:
@@ -65,7 +69,9 @@ class Jobs:
         self._there -= gone
         self._fruitless += len(gone - self._came)
         if self._fruitless >= STARTS and not self._workers:
-            raise WorkersGone(f"{self._fruitless} jobs ended before a worker came (executor.logs=FOLDER keeps why)")
+            raise WorkersGone(
+                f"{self._fruitless} jobs ended before a worker came (executor.logs=FOLDER keeps why)"
+            )
 
     def _submit(self) -> None:
         while len(self._there) < self._wanted:
@@ -90,10 +96,20 @@ class Jobs:
 def _call(*command: str, script: str | None = None) -> "subprocess.CompletedProcess[str]":
     """A command of Slurm, in a session of its own: a Ctrl-C is this process's alone. Raises `ConfigError` where Slurm
     is not installed."""
-    outside = {key: value for key, value in os.environ.items() if not key.startswith("SLURM_") or key == "SLURM_CONF"}
+    outside = {
+        key: value
+        for key, value in os.environ.items()
+        if not key.startswith("SLURM_") or key == "SLURM_CONF"
+    }
     try:
         return subprocess.run(
-            command, input=script, env=outside, capture_output=True, text=True, timeout=PATIENCE, start_new_session=True
+            command,
+            input=script,
+            env=outside,
+            capture_output=True,
+            text=True,
+            timeout=PATIENCE,
+            start_new_session=True,
         )
     except FileNotFoundError as error:
         raise ConfigError(f"executor=slurm: there is no {command[0]} on this machine") from error

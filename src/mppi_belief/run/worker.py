@@ -76,7 +76,9 @@ def ready() -> None:
     """A worker that answers has started."""
 
 
-def run_chunk(work: Callable[..., Any], config: dict[str, Any], trials: Sequence[int], seconds: float | None) -> Report:
+def run_chunk(
+    work: Callable[..., Any], config: dict[str, Any], trials: Sequence[int], seconds: float | None
+) -> Report:
     """Do `work(config, batch)` for every batch of trials, each within so many seconds (None: however long it takes)."""
     together, began = [*batches(trials, config["batch"])], time.monotonic()
     done: list[tuple[tuple[int, ...], Any]] = []

@@ -47,7 +47,9 @@ class Ledger:
 
     def _write(self, folder: Path, kept: list[Done]) -> None:
         """The results of one cell; the part file last, since it is what says that trials are done."""
-        paths = [row for done in kept if not isinstance(done.outcome, Lost) for row in done.outcome.paths]
+        paths = [
+            row for done in kept if not isinstance(done.outcome, Lost) for row in done.outcome.paths
+        ]
         if paths:
             results.write_paths(folder, paths)
         for done in kept:
@@ -57,12 +59,20 @@ class Ledger:
         trials: dict[tuple[tuple[str, str], ...], list[int]] = defaultdict(list)
         for done in kept:
             trials[tuple(done.where.items())] += done.trials
-        told = {"config": kept[0].cell.config, **self.started, "elapsed": round(time.monotonic() - self._began, 1)}
-        sources = [{"trials": ranges(some), **told, **dict(place)} for place, some in trials.items()]
+        told = {
+            "config": kept[0].cell.config,
+            **self.started,
+            "elapsed": round(time.monotonic() - self._began, 1),
+        }
+        sources = [
+            {"trials": ranges(some), **told, **dict(place)} for place, some in trials.items()
+        ]
         results.write_rows(folder, [row for done in kept for row in self._rows(done)], *sources)
 
     def _rows(self, done: Done) -> list[dict[str, Any]]:
         if not isinstance(done.outcome, Lost):
             return list(done.outcome.rows)
         status, error = done.outcome
-        return [self._task.failed_row(done.cell.config, trial, status, error) for trial in done.trials]
+        return [
+            self._task.failed_row(done.cell.config, trial, status, error) for trial in done.trials
+        ]

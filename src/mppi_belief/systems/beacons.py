@@ -38,7 +38,9 @@ class Beacons:
 
     @property
     def H(self) -> Array:
-        moved = jnp.diag(jnp.stack([jnp.asarray(self.turn_noise, float), jnp.asarray(self.speed_noise, float)]))
+        moved = jnp.diag(
+            jnp.stack([jnp.asarray(self.turn_noise, float), jnp.asarray(self.speed_noise, float)])
+        )
         return jnp.vstack([jnp.zeros((2, 2)), moved])
 
     def f(self, x: Array) -> Array:
@@ -56,18 +58,25 @@ class Beacons:
         d, d0 = jnp.sqrt(jnp.sum(left**2, axis=1)), jnp.sqrt(jnp.sum(D**2, axis=1))
         distance = d0 + (kappa * (s @ s) - 2 * D @ s) / (d + d0)
         across, along = D[:, 1] * s[0] - D[:, 0] * s[1], jnp.sum(D * left, axis=1)
-        bent = jnp.where(kappa > 0, jnp.arctan2(kappa * across, along) / _or_one(kappa), across / d0**2)
+        bent = jnp.where(
+            kappa > 0, jnp.arctan2(kappa * across, along) / _or_one(kappa), across / d0**2
+        )
         return jnp.ravel(jnp.stack([distance, jnp.arctan2(D[:, 1], D[:, 0]) + bent - x[2]], axis=1))
 
     def difference(self, y: Array, predicted: Array) -> Array:
         """y - predicted, bearings to within half a period 2 pi / kappa of zero."""
         off, turn = jnp.reshape(y - predicted, (-1, 2)), 2 * jnp.pi / _or_one(self.curvature)
-        nearest = jnp.where(jnp.asarray(self.curvature) > 0, turn * jnp.round(off[:, 1] / turn), 0.0)
+        nearest = jnp.where(
+            jnp.asarray(self.curvature) > 0, turn * jnp.round(off[:, 1] / turn), 0.0
+        )
         return jnp.ravel(jnp.stack([off[:, 0], off[:, 1] - nearest], axis=1))
 
     def sigma_o(self, x: Array) -> Array:
         far = jnp.sqrt(jnp.sum((jnp.asarray(self.beacons) - x[:2]) ** 2, axis=1))
-        deviations = (self.distance_floor + self.distance_slope * far, self.bearing_floor + self.bearing_slope * far)
+        deviations = (
+            self.distance_floor + self.distance_slope * far,
+            self.bearing_floor + self.bearing_slope * far,
+        )
         return jnp.diag(jnp.ravel(jnp.stack(deviations, axis=1)))
 
     def position(self, x: Array) -> Array:

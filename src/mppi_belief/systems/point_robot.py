@@ -38,7 +38,9 @@ class PointRobot:
         return x
 
     def sigma_o(self, x: Array) -> Array:
-        return jnp.sqrt(self.noise_curvature * (x[0] - self.light) ** 2 + self.noise_floor) * jnp.eye(2)
+        return jnp.sqrt(
+            self.noise_curvature * (x[0] - self.light) ** 2 + self.noise_floor
+        ) * jnp.eye(2)
 
     def position(self, x: Array) -> Array:
         return x

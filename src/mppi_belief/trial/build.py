@@ -44,12 +44,16 @@ def _make(node: Any, path: str, parts: dict[str, Any] | None = None) -> Any:
         return [_make(item, path) for item in node]
     if not isinstance(node, dict):
         return node
-    values = {key: _make(value, f"{path}.{key}") for key, value in node.items() if key != "_target_"}
+    values = {
+        key: _make(value, f"{path}.{key}") for key, value in node.items() if key != "_target_"
+    }
     if "_target_" not in node:
         return values
     target = locate(node["_target_"], path)
     if not (isinstance(target, type) and is_struct(target)):
-        raise ConfigError(f"{path}._target_={node['_target_']}: must name a class made with mppi_belief.struct")
+        raise ConfigError(
+            f"{path}._target_={node['_target_']}: must name a class made with mppi_belief.struct"
+        )
     known = [field.name for field in dataclasses.fields(target)]
     for key in values:
         if key not in known:
@@ -77,4 +81,6 @@ def _check_trial(structure: Any, shapes: tuple[tuple[int, ...], ...], precision:
     try:
         jax.eval_shape(simulate_trial, *parts, 0, 0)
     except Exception as error:
-        raise ConfigError(f"filter or controller does not fit the problem: {first_line(error)}") from error
+        raise ConfigError(
+            f"filter or controller does not fit the problem: {first_line(error)}"
+        ) from error

@@ -17,12 +17,18 @@ def device(config: dict[str, Any]) -> str:
     with _heard() as said:
         try:
             found = jax.devices()[0]
-        except Exception as error:  # an assertion without words where there is no such device at all
+        except (
+            Exception
+        ) as error:  # an assertion without words where there is no such device at all
             reason = [*said, str(error).partition(" (set JAX_PLATFORMS")[0], "none is there"]
             line = next(filter(None, reason)).partition("\n")[0]
-            raise ConfigError(f"platform={wanted}: {_needed(wanted)}; with {chosen}: {line}") from error
+            raise ConfigError(
+                f"platform={wanted}: {_needed(wanted)}; with {chosen}: {line}"
+            ) from error
     if found.platform != wanted:
-        raise ConfigError(f"platform={wanted}: {_needed(wanted)}; with {chosen} JAX computes on the {found.platform}")
+        raise ConfigError(
+            f"platform={wanted}: {_needed(wanted)}; with {chosen} JAX computes on the {found.platform}"
+        )
     return str(found.device_kind)
 
 

@@ -34,11 +34,15 @@ def record(config: dict[str, Any]) -> dict[str, Any]:
     with computing(config):
         parts = jax.device_put(build(config))
         samples, result = _run(*parts, config["seed"], config["record"])
-        kept = None if samples is None else _thin(*(np.asarray(part, dtype=float) for part in samples))
+        kept = (
+            None if samples is None else _thin(*(np.asarray(part, dtype=float) for part in samples))
+        )
         return {
             "trial": config["record"],
             "samples": kept,
-            "matching": _matching(parts.problem, parts.controller, result.controls, result.beliefs.mean),
+            "matching": _matching(
+                parts.problem, parts.controller, result.controls, result.beliefs.mean
+            ),
             "tangent": _tangent(parts.problem, result),
         }
 
@@ -47,7 +51,9 @@ def sampled_paths(config: dict[str, Any], trial: int) -> dict[str, Any] | None:
     """The part `samples` of a recording, by itself: what the planner sampled in a trial, None if it samples nothing."""
     with computing(config):
         samples = _run(*jax.device_put(build(config)), config["seed"], trial)[0]
-        return None if samples is None else _thin(*(np.asarray(part, dtype=float) for part in samples))
+        return (
+            None if samples is None else _thin(*(np.asarray(part, dtype=float) for part in samples))
+        )
 
 
 @jax.jit
@@ -76,7 +82,9 @@ def _thin(positions: np.ndarray, weights: np.ndarray) -> dict[str, Any]:
     return {"position": np.round(paths, 3).tolist(), "weight": np.round(kept, 5).tolist()}
 
 
-def _matching(problem: Problem, controller: Controller, controls: Array, means: Array) -> dict[str, Any]:
+def _matching(
+    problem: Problem, controller: Controller, controls: Array, means: Array
+) -> dict[str, Any]:
     """Residuals (T,) at the best weight of each step and, if the controller has a temperature, at lambda R^-1."""
     curves: dict[str, Any] = {}
     temperature = getattr(controller, "temperature", None)
@@ -87,7 +95,9 @@ def _matching(problem: Problem, controller: Controller, controls: Array, means: 
         schedule = gain_schedule(told, start, controls, method, means[1:])
         curves[convention] = {"optimum": _curve(told, schedule, None)}
         if temperature is not None:
-            curves[convention]["imposed"] = _curve(told, schedule, matched_weight(problem.cost.R, temperature))
+            curves[convention]["imposed"] = _curve(
+                told, schedule, matched_weight(problem.cost.R, temperature)
+            )
     return curves
 
 
@@ -104,7 +114,11 @@ def _tangent(problem: Problem, result: Trial) -> dict[str, Any]:
     """Theorem 1's residual (T,), the part of the measurement that is not tangent to the Gaussian means; nx and ny."""
     before = Belief(*(part[:-1] for part in result.beliefs))
     parts = _outside(problem, before, result.controls)
-    return {"part": _rounded(parts), "states": len(problem.prior_mean), "measurements": result.measurements.shape[1]}
+    return {
+        "part": _rounded(parts),
+        "states": len(problem.prior_mean),
+        "measurements": result.measurements.shape[1],
+    }
 
 
 @jax.jit

@@ -50,15 +50,23 @@ def _compare(name: str, then: Any, now: Any, bits: str) -> Difference | None:
         if _same(np.array([then]), np.array([now])).all():
             return None
         return Difference(name, then, now, ulps(then, now, bits), 1, "")
-    not_kept = then is None and isinstance(now, float)  # a column that its file's format did not have
+    not_kept = then is None and isinstance(
+        now, float
+    )  # a column that its file's format did not have
     return None if then == now or not_kept else Difference(name, then, now, None, 1, "")
 
 
-def _along(name: str, path: Sequence[dict[str, Any]], again: Sequence[dict[str, Any]], bits: str) -> Difference | None:
+def _along(
+    name: str, path: Sequence[dict[str, Any]], again: Sequence[dict[str, Any]], bits: str
+) -> Difference | None:
     """The first difference of one quantity along a path, and how many there are; the largest in ulp."""
-    then, now = (np.array([step[name] for step in steps], dtype=np.float64) for steps in (path, again))
+    then, now = (
+        np.array([step[name] for step in steps], dtype=np.float64) for steps in (path, again)
+    )
     if then.shape != now.shape:
-        return Difference(name, f"{then.shape[1]} values a step", f"{now.shape[1]} values a step", None, 1, "")
+        return Difference(
+            name, f"{then.shape[1]} values a step", f"{now.shape[1]} values a step", None, 1, ""
+        )
     other = np.argwhere(~_same(then, now))
     if not len(other):
         return None

@@ -17,8 +17,15 @@ def describe_scene(problem: Problem) -> dict[str, Any]:
     goal = np.asarray(system.position(jnp.asarray(problem.cost.goal)))
     obstacles = getattr(system, "obstacles", None)
     centers = np.asarray(obstacles.centers) if obstacles is not None else np.zeros((0, len(start)))
-    scene: dict[str, Any] = {"dt": float(problem.dt), "start": start.tolist(), "goal": goal.tolist()}
-    scene |= {"obstacles": centers.tolist(), "radius": float(obstacles.radius) if obstacles is not None else 0.0}
+    scene: dict[str, Any] = {
+        "dt": float(problem.dt),
+        "start": start.tolist(),
+        "goal": goal.tolist(),
+    }
+    scene |= {
+        "obstacles": centers.tolist(),
+        "radius": float(obstacles.radius) if obstacles is not None else 0.0,
+    }
     if problem.prior_modes is not None:
         places = jax.vmap(system.position)(prior_mixture(problem).means)
         scene["starts"] = np.round(np.asarray(places, dtype=float), 6).tolist()
@@ -37,5 +44,11 @@ def _noise_map(problem: Problem, points: np.ndarray) -> dict[str, Any]:
         factor = problem.system.sigma_o(base.at[0].set(px).at[1].set(py))
         return jnp.sqrt(jnp.mean(jnp.sum(factor**2, axis=1)))
 
-    grid = jax.vmap(jax.vmap(level, in_axes=(0, None)), in_axes=(None, 0))(jnp.asarray(x), jnp.asarray(y))
-    return {"x": x.tolist(), "y": y.tolist(), "level": np.round(np.asarray(grid, dtype=float), 4).tolist()}
+    grid = jax.vmap(jax.vmap(level, in_axes=(0, None)), in_axes=(None, 0))(
+        jnp.asarray(x), jnp.asarray(y)
+    )
+    return {
+        "x": x.tolist(),
+        "y": y.tolist(),
+        "level": np.round(np.asarray(grid, dtype=float), 4).tolist(),
+    }

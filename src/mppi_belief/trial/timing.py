@@ -26,7 +26,11 @@ def time_steps(config: dict[str, Any], calls: int = 200) -> list[float]:
 
 @functools.cache
 def _step_functions() -> tuple[Any, Any]:
-    act = jax.jit(lambda problem, controller, belief, plan, key: controller.act(problem, belief, plan, key)[:2])
+    act = jax.jit(
+        lambda problem, controller, belief, plan, key: controller.act(problem, belief, plan, key)[
+            :2
+        ]
+    )
     return act, jax.jit(respond)
 
 
@@ -37,10 +41,18 @@ def _time_one_trial(parts: Experiment, seed: int, trial: int, act: Any, rest: An
     belief = filter.init(problem, jax.random.fold_in(keys[FILTER], BEFORE))
     plan, times = controller.init(problem), []
     if trial == 0:
-        jax.block_until_ready(act(problem, controller, seen(controller, belief, x), plan, keys[PLANNER]))
+        jax.block_until_ready(
+            act(problem, controller, seen(controller, belief, x), plan, keys[PLANNER])
+        )
     for k in range(problem.steps):
         args = jax.block_until_ready(
-            (problem, controller, seen(controller, belief, x), plan, jax.random.fold_in(keys[PLANNER], k))
+            (
+                problem,
+                controller,
+                seen(controller, belief, x),
+                plan,
+                jax.random.fold_in(keys[PLANNER], k),
+            )
         )
         started = time.perf_counter()
         u, plan = jax.block_until_ready(act(*args))

@@ -43,7 +43,9 @@ class Judged(NamedTuple):
 
 
 @jax.jit
-def _run(problem: Problem, filter: Filter, controller: Controller, seed: Any, trial: Any) -> tuple[Metrics, Trial]:
+def _run(
+    problem: Problem, filter: Filter, controller: Controller, seed: Any, trial: Any
+) -> tuple[Metrics, Trial]:
     """One trial () or, with one more axis at the front of all results, those of a batch (B,)."""
 
     def one(trial: Any) -> tuple[Metrics, Trial]:
@@ -93,7 +95,9 @@ def _outcomes(
         results = jax.device_get((Judged(judged, compared), result))
     except Exception as error:
         if size > 1 and "RESOURCE_EXHAUSTED" in str(error):
-            raise ConfigError(f"batch={size}: too many trials for the memory of the device at once") from error
+            raise ConfigError(
+                f"batch={size}: too many trials for the memory of the device at once"
+            ) from error
         if len(trials) == 1:
             yield trials[0], error
             return
@@ -102,7 +106,12 @@ def _outcomes(
         yield from _outcomes(parts, config, trials[middle:])
         return
     for trial in trials:
-        yield trial, results if size == 1 else jax.tree.map(lambda values, at=trial % size: values[at], results)
+        yield (
+            trial,
+            results
+            if size == 1
+            else jax.tree.map(lambda values, at=trial % size: values[at], results),
+        )
 
 
 def _places(trials: Sequence[int], size: int) -> int | np.ndarray:
@@ -118,7 +127,12 @@ def _row(config: dict[str, Any], trial: int, judged: Judged, result: Trial) -> d
     values = {name: value.item() for part in judged for name, value in part._asdict().items()}
     error = divergence(judged.metrics, result)
     status = "diverged" if error else "ok"
-    return {**_labels(config, trial, status), **values, "steps": len(result.controls), "error": error}
+    return {
+        **_labels(config, trial, status),
+        **values,
+        "steps": len(result.controls),
+        "error": error,
+    }
 
 
 def _reason(error: Exception) -> str:
@@ -129,7 +143,10 @@ def _reason(error: Exception) -> str:
 
 def divergence(judged: Metrics, result: Trial) -> str | None:
     """What left the finite numbers in a trial, if anything did."""
-    parts: dict[str, Any] = {"state": result.states, "belief": np.append(result.beliefs.mean, result.beliefs.cov)}
+    parts: dict[str, Any] = {
+        "state": result.states,
+        "belief": np.append(result.beliefs.mean, result.beliefs.cov),
+    }
     parts |= {"control": result.controls, "cost": judged.cost}
     lost = [name for name, values in parts.items() if not np.all(np.isfinite(values))]
     if not lost and np.any(np.asarray(result.ess) == 0):
@@ -140,7 +157,13 @@ def divergence(judged: Metrics, result: Trial) -> str | None:
 def failed_row(config: dict[str, Any], trial: int, status: str, error: str) -> dict[str, Any]:
     """The row of a trial that has no results."""
     nothing = dict.fromkeys((*Metrics._fields, *Consistency._fields), float("nan"))
-    return {**_labels(config, trial, status), **nothing, "collided": None, "steps": 0, "error": error}
+    return {
+        **_labels(config, trial, status),
+        **nothing,
+        "collided": None,
+        "steps": 0,
+        "error": error,
+    }
 
 
 def _labels(config: dict[str, Any], trial: int, status: str) -> dict[str, Any]:

@@ -32,12 +32,18 @@ def check_numbers(parts: Any, precision: str) -> None:
     """Raise `ConfigError` for a number of `parts` that the precision cannot hold."""
     for keys, leaf in jax.tree.leaves_with_path(parts):
         name = ".".join(str(getattr(key, "name", getattr(key, "key", key))) for key in keys)
-        name = name.removeprefix("problem.") if name.startswith(("problem.system", "problem.cost")) else name
+        name = (
+            name.removeprefix("problem.")
+            if name.startswith(("problem.system", "problem.cost"))
+            else name
+        )
         try:
             with np.errstate(all="ignore"):
                 value = np.asarray(leaf, dtype=precision)
         except (TypeError, ValueError, OverflowError) as error:
-            raise ConfigError(f"{name}={leaf!r}: must be a number; words are made with choice") from error
+            raise ConfigError(
+                f"{name}={leaf!r}: must be a number; words are made with choice"
+            ) from error
         if not np.all(np.isfinite(value)):
             raise ConfigError(f"{name}={np.asarray(leaf).tolist()}: too large for {precision}")
         if name == "problem.dt" and value < np.finfo(precision).tiny:
@@ -54,7 +60,9 @@ def check_problem(problem: Problem, precision: str) -> None:
                 raise ConfigError(f"{group}.{name} is missing: {type(part).__name__} must have it")
     if problem.system.noise_convention not in CONVENTIONS:
         said = problem.system.noise_convention
-        raise ConfigError(f"system.noise_convention={said!r}: must be one of {', '.join(CONVENTIONS)}")
+        raise ConfigError(
+            f"system.noise_convention={said!r}: must be one of {', '.join(CONVENTIONS)}"
+        )
     leaves, structure = jax.tree.flatten(problem)
     _check_functions(structure, tuple(np.shape(leaf) for leaf in leaves), precision)
     _check_values(problem, precision)
@@ -63,7 +71,9 @@ def check_problem(problem: Problem, precision: str) -> None:
 @functools.cache
 def _check_functions(structure: Any, shapes: tuple[tuple[int, ...], ...], precision: str) -> None:
     """Every function takes a state of the prior's size and returns what it should; traced in the current precision."""
-    problem: Problem = jax.tree.unflatten(structure, [jax.ShapeDtypeStruct(shape, float) for shape in shapes])
+    problem: Problem = jax.tree.unflatten(
+        structure, [jax.ShapeDtypeStruct(shape, float) for shape in shapes]
+    )
 
     def shape(
         name: str, function: Callable[[Problem, Array], Any], wanted: tuple[int, ...] | None = None
@@ -93,13 +103,21 @@ def _check_functions(structure: Any, shapes: tuple[tuple[int, ...], ...], precis
     shape("cost.base", lambda p, x: p.cost.base(x), ())
     shape("cost.penalty", lambda p, x: p.cost.penalty(x), ())
     shape("cost.terminal", lambda p, x: p.cost.terminal(x), ())
-    for name, n in (("problem.prior_mean", nx), ("cost.R", nu), ("system.c", ny), ("system.position", d)):
+    for name, n in (
+        ("problem.prior_mean", nx),
+        ("cost.R", nu),
+        ("system.c", ny),
+        ("system.position", d),
+    ):
         if n == 0:
             raise ConfigError(f"{name} is empty")
 
 
 def _shape(
-    name: str, function: Callable[[Problem, Array], Any], problem: Problem, wanted: tuple[int, ...] | None
+    name: str,
+    function: Callable[[Problem, Array], Any],
+    problem: Problem,
+    wanted: tuple[int, ...] | None,
 ) -> tuple[int, ...]:
     """The shape that `function` returns for a state; raises `ConfigError` if it fails or is not the one wanted."""
     x: Any = jax.ShapeDtypeStruct(problem.prior_mean.shape, float)
@@ -111,9 +129,13 @@ def _shape(
     if not isinstance(got, jax.ShapeDtypeStruct):
         raise ConfigError(f"{name} returns a {type(got).__name__}, must return one array")
     if wanted is not None and got.shape != wanted:
-        raise ConfigError(f"{name} has shape {got.shape}, must be {wanted} for a state of shape {x.shape}")
+        raise ConfigError(
+            f"{name} has shape {got.shape}, must be {wanted} for a state of shape {x.shape}"
+        )
     if not jnp.issubdtype(got.dtype, jnp.floating):
-        raise ConfigError(f"{name} returns {got.dtype}, must return floating-point numbers (1.0, not 1)")
+        raise ConfigError(
+            f"{name} returns {got.dtype}, must return floating-point numbers (1.0, not 1)"
+        )
     return got.shape or (1,)
 
 
@@ -122,7 +144,9 @@ def first_line(error: Exception) -> str:
     return next(iter(str(error).strip().splitlines()), type(error).__name__)
 
 
-@functools.partial(jax.jit, compiler_options={"xla_backend_optimization_level": 0})  # it runs once for each cell
+@functools.partial(
+    jax.jit, compiler_options={"xla_backend_optimization_level": 0}
+)  # it runs once for each cell
 def _values(problem: Problem, states: Array) -> dict[str, Array]:
     """What every function returns at states (P, nx), each with one more axis (P, ...) at the front."""
     system, cost = problem.system, problem.cost
@@ -133,7 +157,10 @@ def _values(problem: Problem, states: Array) -> dict[str, Array]:
             "cost.goal": jnp.asarray(cost.goal),
             "cost.R": cost.R,
             "system.H": system.H,
-            **{f"system.{name}": getattr(system, name)(x) for name in ("f", "G", "c", "position", "sigma_o")},
+            **{
+                f"system.{name}": getattr(system, name)(x)
+                for name in ("f", "G", "c", "position", "sigma_o")
+            },
             "system.sigma_o in measurements": measurement_factor(system, x, problem.dt),
             "system.sigma_o sigma_o' of measurements": measurement_cov(system, x, problem.dt),
             "system.clearance": system.clearance(x),
@@ -145,20 +172,32 @@ def _values(problem: Problem, states: Array) -> dict[str, Array]:
 
 def _check_values(problem: Problem, precision: str) -> None:
     """Everything is finite (clearance may be inf), sigma_o invertible and R positive definite, at a few states."""
-    mean, std, goal = (np.asarray(part) for part in (problem.prior_mean, problem.prior_std, problem.cost.goal))
+    mean, std, goal = (
+        np.asarray(part) for part in (problem.prior_mean, problem.prior_std, problem.cost.goal)
+    )
     draws = mean + std * np.random.default_rng(0).normal(size=(DRAWS, len(mean)))
     modes = () if problem.prior_modes is None else mean + np.asarray(problem.prior_modes)
     states = np.vstack([mean, goal, draws, *modes]).astype(precision)
     try:
-        values = {name: np.asarray(value, dtype=float) for name, value in _values(problem, states).items()}
+        values = {
+            name: np.asarray(value, dtype=float) for name, value in _values(problem, states).items()
+        }
     except Exception as error:
-        raise ConfigError(f"system or cost cannot be computed for several states: {first_line(error)}") from error
+        raise ConfigError(
+            f"system or cost cannot be computed for several states: {first_line(error)}"
+        ) from error
     for name, value in values.items():
-        fine = ~np.isnan(value) & (value > -np.inf) if name == "system.clearance" else np.isfinite(value)
+        fine = (
+            ~np.isnan(value) & (value > -np.inf)
+            if name == "system.clearance"
+            else np.isfinite(value)
+        )
         _refuse(name, "is not finite", fine, states, value)
     sizes = np.linalg.svd(values["system.sigma_o in measurements"], compute_uv=False)
     limits = np.finfo(precision)
-    invertible = (sizes[:, -1] > limits.eps * sizes.shape[1] * sizes[:, 0]) & (sizes[:, -1] ** 2 > limits.tiny)
+    invertible = (sizes[:, -1] > limits.eps * sizes.shape[1] * sizes[:, 0]) & (
+        sizes[:, -1] ** 2 > limits.tiny
+    )
     _refuse("system.sigma_o", "is singular", invertible, states, values["system.sigma_o"])
     R = values["cost.R"][0]
     if not np.allclose(R, R.T, atol=1e-6 * np.max(np.abs(R))):

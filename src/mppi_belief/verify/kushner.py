@@ -58,7 +58,10 @@ def grid(low: float, high: float, cells: int) -> Grid:
 def coefficients(system: System, on: Grid, dt: float) -> Coefficients:
     """A system with nx = nu = ny = 1 on a grid; its measurement noise must not depend on the state."""
     points = jnp.asarray(on.x)[:, None]
-    f, G, c = (np.asarray(jax.vmap(part)(points)).reshape(len(points)) for part in (system.f, system.G, system.c))
+    f, G, c = (
+        np.asarray(jax.vmap(part)(points)).reshape(len(points))
+        for part in (system.f, system.G, system.c)
+    )
     R_o = measurement_intensity(system, points[0], dt)
     return Coefficients(f, G, (system.H @ system.H.T).item(), c, R_o.item())
 
@@ -101,7 +104,9 @@ def transport(bands: Reals, p: Reals, dt: float) -> Reals:
     """A Crank-Nicolson step of the Fokker-Planck equation for densities (n, P)."""
     implicit = -dt / 2 * bands
     implicit[1] += 1
-    return np.asarray(solve_banded((1, 1), implicit, p + dt / 2 * drift_channel(bands, p), check_finite=False))
+    return np.asarray(
+        solve_banded((1, 1), implicit, p + dt / 2 * drift_channel(bands, p), check_finite=False)
+    )
 
 
 def observe(on: Grid, p: Reals, c: Reals, R_o: float, dy: Reals, dt: float) -> Reals:
@@ -118,7 +123,13 @@ def moments(on: Grid, p: Reals) -> tuple[Reals, Reals]:
 
 
 def solve(
-    on: Grid, model: Coefficients, start: Reals, controls: Reals, increments: Reals, dt: float, substeps: int = 1
+    on: Grid,
+    model: Coefficients,
+    start: Reals,
+    controls: Reals,
+    increments: Reals,
+    dt: float,
+    substeps: int = 1,
 ) -> Moments:
     """The filter's moments for a prior (n,), controls (T,) and P paths of increments dy (T, P).
 

@@ -51,7 +51,9 @@ def optimum(D: np.ndarray, G: np.ndarray, W: np.ndarray) -> tuple[float, float]:
     left = D - G @ W @ Gt
     S = -2 * np.sum(Gt @ left @ G / size**2, axis=0)
     excess = max(0.0, -eigh(S, np.sum(Gt @ G / size, axis=0), eigvals_only=True)[0])
-    return float(np.sum((left / size) ** 2)), float(np.sum(S * W) + excess * len(D) * np.sqrt(min(G.shape[1:])))
+    return float(np.sum((left / size) ** 2)), float(
+        np.sum(S * W) + excess * len(D) * np.sqrt(min(G.shape[1:]))
+    )
 
 
 def gap_rounding(steps: int) -> float:
@@ -64,14 +66,23 @@ def least(rng: np.random.Generator) -> list[Check]:
     D, G = turning(rng)
     W, scale = best_constant_weight(D, G, SEARCH).weight, np.linalg.norm(D, axis=(1, 2))[:, None]
     design = (np.stack([np.kron(g, g) for g in G]) / scale[:, None]).reshape(-1, 4)
-    free = np.linalg.lstsq(design, (D.reshape(TURNS, -1) / scale).ravel(), rcond=None)[0].reshape(2, 2)
+    free = np.linalg.lstsq(design, (D.reshape(TURNS, -1) / scale).ravel(), rcond=None)[0].reshape(
+        2, 2
+    )
     lowest, eigenvalues = np.linalg.eigvalsh(free)[0], np.linalg.eigvalsh(W)
     # it is found in units of sum G' G / |D|
     condition = np.linalg.cond(np.sum(G.transpose(0, 2, 1) @ G / scale[:, None], axis=0))
     said = "turning controls: least eigenvalue of the best W ≥ 0, over its largest"
     return [
-        at_most("turning controls: least eigenvalue of the W free of W ≥ 0", lowest, 0.0, "by design"),
-        at_least(said, eigenvalues[0] / eigenvalues[-1], -20 * condition * EPSILON, "rounding of a change of units"),
+        at_most(
+            "turning controls: least eigenvalue of the W free of W ≥ 0", lowest, 0.0, "by design"
+        ),
+        at_least(
+            said,
+            eigenvalues[0] / eigenvalues[-1],
+            -20 * condition * EPSILON,
+            "rounding of a change of units",
+        ),
         *_optimal(rng, D, G, W),
         _by_hand(),
     ]
@@ -87,7 +98,12 @@ def _optimal(rng: np.random.Generator, D: np.ndarray, G: np.ndarray, W: np.ndarr
     allowed = -TURNS * SEARCH - 40 * TURNS * EPSILON
     return [
         near(said, gap / TURNS, 0.0, SEARCH + gap_rounding(TURNS), TOLD),
-        at_least("turning controls: what 300 other W ≥ 0 leave beyond it, the least", beyond, allowed, TOLD),
+        at_least(
+            "turning controls: what 300 other W ≥ 0 leave beyond it, the least",
+            beyond,
+            allowed,
+            TOLD,
+        ),
     ]
 
 

@@ -49,7 +49,9 @@ class Matched(NamedTuple):
         return self.problem.dt * self.problem.steps
 
 
-def matched_problem(w_obs: float = 3.0, theta: float = 0.5, temperature: float = 0.6, steps: int = 10) -> Matched:
+def matched_problem(
+    w_obs: float = 3.0, theta: float = 0.5, temperature: float = 0.6, steps: int = 10
+) -> Matched:
     """The problem over one unit of time; w_obs = 0 and theta = 0 make it linear-quadratic."""
     a, b, c, sigma_w, sigma_o = 0.3, 0.8, 1.2, 0.7, 0.5
     seen = (c / sigma_o) ** 2
@@ -59,7 +61,9 @@ def matched_problem(w_obs: float = 3.0, theta: float = 0.5, temperature: float =
     obstacles = Obstacles(jnp.array([[-0.6], [1.1]]), 0.1)
     goal, q, q_T, weight = (jnp.array([number]) for number in (0.3, 1.0, 0.9, R))
     cost = GoalObstacleCost(goal, q, q_T, weight, obstacles, w_obs=w_obs, bump_width=0.3)
-    problem = Problem(system, cost, jnp.zeros(1), jnp.sqrt(jnp.array([variance])), dt=1.0 / steps, steps=steps)
+    problem = Problem(
+        system, cost, jnp.zeros(1), jnp.sqrt(jnp.array([variance])), dt=1.0 / steps, steps=steps
+    )
     return Matched(problem, temperature, theta, np.array([[variance]]))
 
 
@@ -124,7 +128,9 @@ def _through(at: np.ndarray) -> Quadratic:
 def _reduced_costs(cost: Cost, matched: Matched, mu: np.ndarray) -> np.ndarray:
     """q and phi (2, n) at means (n,)."""
     blocks = np.pad(np.asarray(mu, dtype=float), (0, -len(mu) % BLOCK)).reshape(-1, BLOCK, 1)
-    found = [np.asarray(_costs_of_block(cost, matched.theta, block, matched.cov)) for block in blocks]
+    found = [
+        np.asarray(_costs_of_block(cost, matched.theta, block, matched.cov)) for block in blocks
+    ]
     return np.concatenate(found, axis=1)[:, : len(mu)]
 
 
@@ -156,20 +162,27 @@ def sampled_costs(
 
 
 @partial(jax.jit, static_argnames=("steps", "n_samples"))
-def _pool(matched: Matched, mean: Array, along: Steady, key: Array, steps: int, n_samples: int) -> tuple[Array, Array]:
+def _pool(
+    matched: Matched, mean: Array, along: Steady, key: Array, steps: int, n_samples: int
+) -> tuple[Array, Array]:
     eps = jnp.sqrt(matched.problem.dt) * pi.normals(key, (steps, 1, n_samples), False)
     costs, disturbance = sampled_costs(matched.problem, matched.theta, mean, along, eps)
     G, R = matched.problem.system.G(mean), matched.problem.cost.R
     return costs, (pi.control_map(G, R) @ disturbance[0] / matched.problem.dt)[0]
 
 
-def pooled_costs(matched: Matched, along: Steady, mean: float, key: Array, paths: int) -> tuple[np.ndarray, np.ndarray]:
+def pooled_costs(
+    matched: Matched, along: Steady, mean: float, key: Array, paths: int
+) -> tuple[np.ndarray, np.ndarray]:
     """Costs S (paths,) of independent paths of (18) from one mean, and their first control increments (paths,)."""
     count = -(-paths // POOL)
     parts = [
-        _pool(matched, np.array([mean]), along, k, matched.problem.steps, POOL) for k in jax.random.split(key, count)
+        _pool(matched, np.array([mean]), along, k, matched.problem.steps, POOL)
+        for k in jax.random.split(key, count)
     ]
-    costs, increments = (np.concatenate([np.asarray(part[j]) for part in parts])[:paths] for j in (0, 1))
+    costs, increments = (
+        np.concatenate([np.asarray(part[j]) for part in parts])[:paths] for j in (0, 1)
+    )
     return costs, increments
 
 
@@ -179,7 +192,9 @@ def algorithm_1(samples: int, problem: Problem, temperature: float, **options: A
     return MPPIBelief(samples, problem.steps, temperature, **printed, **options)
 
 
-def first_controls(planner: MPPIBelief, problem: Problem, means: Array, cov: Array, keys: Array) -> Array:
+def first_controls(
+    planner: MPPIBelief, problem: Problem, means: Array, cov: Array, keys: Array
+) -> Array:
     """u_0 (keys, means, nu) of the planner at means (means, nx) and Sigma (nx, nx), from its first plan."""
     plan = planner.init(problem)
 
@@ -233,7 +248,9 @@ def limits(levels: Sequence[np.ndarray]) -> list[np.ndarray]:
     return [2 * fine - coarse for coarse, fine in pairwise(levels)]
 
 
-def limit_check(computed: str, levels: Sequence[np.ndarray], exact: np.ndarray, error: np.ndarray) -> Check:
+def limit_check(
+    computed: str, levels: Sequence[np.ndarray], exact: np.ndarray, error: np.ndarray
+) -> Check:
     """Levels (J, n) extrapolated to a step of zero against the exact values (n,), known to within `error` (n,)."""
     *_, before, limit = limits(levels)
     return at_most(

@@ -16,7 +16,13 @@ from ..belief.gaussian import prior
 from ..belief.schedule import GainSchedule, gain_schedule
 from ..errors import ConfigError
 from ..matching.affine import outside_mean_tangent
-from ..matching.weights import best_constant_weight, best_weight, matched_weight, numerical_rank, residual
+from ..matching.weights import (
+    best_constant_weight,
+    best_weight,
+    matched_weight,
+    numerical_rank,
+    residual,
+)
 from ..numerics.linalg import psd_factor
 from ..numerics.quadrature import gaussian_nodes
 from ..problem import Controller, Filter, Problem
@@ -27,10 +33,10 @@ PLACES = 8  # means along the trial at which functions are examined
 PRODUCTS = 100  # of a step of the Riccati flow: its exponential, the doublings, two solves in each
 FLAT = 1e-3  # spread of a state that neither the prior nor the trial moves
 ONE_WEIGHT = 1e-6  # root of the duality gap a step at which the search for one weight ends
-EXACT = (
-    "As far as the trial's belief reaches, it is exactly Gaussian and its covariance known in advance (Proposition 2)."
+EXACT = "As far as the trial's belief reaches, it is exactly Gaussian and its covariance known in advance (Proposition 2)."
+APPROXIMATE = (
+    "The belief is Gaussian in approximation only, as linearised along the mean (Remark 3)."
 )
-APPROXIMATE = "The belief is Gaussian in approximation only, as linearised along the mean (Remark 3)."
 TRUST = 1.0  # the third-order term of an expansion should be less than the second-order one
 
 
@@ -42,7 +48,13 @@ class _Path(NamedTuple):
 
 
 def what_holds(
-    problem: Problem, filter: Filter, controller: Controller, temperature: float, seed: int, name: str, settings: str
+    problem: Problem,
+    filter: Filter,
+    controller: Controller,
+    temperature: float,
+    seed: int,
+    name: str,
+    settings: str,
 ) -> Certificate:
     """The conditions of each statement for `problem`, along the belief of trial 0 of `controller`, in double precision.
 
@@ -54,7 +66,9 @@ def what_holds(
     with jax.enable_x64(True):
         path = _follow(problem, filter, controller, seed)
         exact = [*_affine(problem, path), _independence(problem, path)]
-        matched, matching = _matched(problem, path, float(getattr(controller, "temperature", temperature)))
+        matched, matching = _matched(
+            problem, path, float(getattr(controller, "temperature", temperature))
+        )
         checks = [*exact, *matched, *_expansion(problem, path, controller)]
     gaussian = all(check.holds for check in exact)
     title = f"What holds for {settings}, along the belief of trial 0"
@@ -65,16 +79,22 @@ def _follow(problem: Problem, filter: Filter, controller: Controller, seed: int)
     trial = jax.jit(simulate_trial)(problem, filter, controller, seed, 0)
     means = trial.beliefs.mean
     if not (jnp.all(jnp.isfinite(means)) and jnp.all(jnp.isfinite(trial.controls))):
-        raise ConfigError("verify: trial 0 of this system and controller diverges; nothing can be said along it")
+        raise ConfigError(
+            "verify: trial 0 of this system and controller diverges; nothing can be said along it"
+        )
     schedule = _along(problem, trial.controls, means)
     if not all(jnp.all(jnp.isfinite(part)) for part in schedule):
-        raise ConfigError("verify: the covariance along trial 0 is not finite; is sigma_o singular?")
+        raise ConfigError(
+            "verify: the covariance along trial 0 is not finite; is sigma_o singular?"
+        )
     return _Path(schedule, trial.controls)
 
 
 @jax.jit
 def _along(problem: Problem, controls: Array, means: Array) -> GainSchedule:
-    return gain_schedule(problem, prior(problem)._replace(mean=means[0]), controls, "riccati", means[1:])
+    return gain_schedule(
+        problem, prior(problem)._replace(mean=means[0]), controls, "riccati", means[1:]
+    )
 
 
 def _affine(problem: Problem, path: _Path) -> list[Check]:
@@ -87,8 +107,13 @@ def _affine(problem: Problem, path: _Path) -> list[Check]:
     bent = jax.tree.map(np.asarray, _bent(problem, places, cov, *gaussian_nodes(len(spread))))
     values = jax.tree.map(np.asarray, _values(problem, states))
     return [
-        _tangent("Theorem 1: part of c outside the mean tangent space, 0 if c is affine", bent["c"], cov),
-        _varies("Theorem 1: relative change of sigma_o over the states, 0 if constant", values["sigma_o"]),
+        _tangent(
+            "Theorem 1: part of c outside the mean tangent space, 0 if c is affine", bent["c"], cov
+        ),
+        _varies(
+            "Theorem 1: relative change of sigma_o over the states, 0 if constant",
+            values["sigma_o"],
+        ),
         _tangent("Proposition 2: part of f that is not affine", bent["f"], cov),
         _varies("Proposition 2: relative change of G over the states", values["G"]),
     ]
@@ -102,7 +127,9 @@ def _bent(
 
     def of(function: Callable[[Array], Array]) -> tuple[Array, Array, Array]:
         nodes = (points, weights)
-        parts, A = jax.lax.map(lambda mean: outside_mean_tangent(function, mean, cov, nodes), places)
+        parts, A = jax.lax.map(
+            lambda mean: outside_mean_tangent(function, mean, cov, nodes), places
+        )
         return parts, A, jax.vmap(function)(places)
 
     return {"c": of(problem.system.c), "f": of(problem.system.f)}
@@ -117,7 +144,9 @@ def _tangent(computed: str, found: Sequence[np.ndarray], cov: np.ndarray) -> Che
     """The place where the root of the part outside is largest against its rounding, for one entry of `_bent`."""
     parts, A, values = found
     deviation = np.sqrt(np.einsum("pij,jk,pik->p", A, cov, A))
-    scale = 1 + np.linalg.norm(values, axis=-1) / np.maximum(deviation, 1e-300)  # a constant has no part outside
+    scale = 1 + np.linalg.norm(values, axis=-1) / np.maximum(
+        deviation, 1e-300
+    )  # a constant has no part outside
     roots = np.sqrt(parts)
     worst = int(np.argmax(roots / scale))
     operations = 4 * len(gaussian_nodes(len(cov))[1])
@@ -134,11 +163,15 @@ def _independence(problem: Problem, path: _Path) -> Check:
     """The covariances that controls of the trial's size lead to, against those of no control."""
     u = path.controls
     size = 1.0 + jnp.max(jnp.abs(u), axis=0)
-    pushes = jnp.stack([jnp.zeros_like(u), jnp.broadcast_to(size, u.shape), jnp.broadcast_to(-size, u.shape)])
+    pushes = jnp.stack(
+        [jnp.zeros_like(u), jnp.broadcast_to(size, u.shape), jnp.broadcast_to(-size, u.shape)]
+    )
     covs = _covariances(problem, pushes)
     largest, change = float(jnp.max(jnp.abs(covs[0]))), float(jnp.max(jnp.abs(covs - covs[0])))
     computed = "Proposition 2: relative change of Sigma_t with the controls, 0 if none"
-    return rounding(computed, change / largest if largest else change, operations=_operations(problem))
+    return rounding(
+        computed, change / largest if largest else change, operations=_operations(problem)
+    )
 
 
 @jax.jit
@@ -154,7 +187,11 @@ def _operations(problem: Problem) -> float:
 
 def _matched(problem: Problem, path: _Path, temperature: float) -> tuple[list[Check], str]:
     """Proposition 3 and (15) at every step, and what they mean together."""
-    means, D, gains = path.schedule.mean[:-1], path.schedule.diffusion, np.asarray(path.schedule.gain)
+    means, D, gains = (
+        path.schedule.mean[:-1],
+        path.schedule.diffusion,
+        np.asarray(path.schedule.gain),
+    )
     G = jax.vmap(problem.system.G)(means)
     imposed = matched_weight(problem.cost.R, temperature)
     least, given = (
@@ -162,7 +199,9 @@ def _matched(problem: Problem, path: _Path, temperature: float) -> tuple[list[Ch
         for weights in (jax.vmap(best_weight)(D, G), [imposed] * len(D))
     )
     # the gain's range is that of D = K R_o K', and its rank is not squared by rounding
-    equal = np.array([numerical_rank(K) == numerical_rank(g) for K, g in zip(gains, np.asarray(G), strict=True)])
+    equal = np.array(
+        [numerical_rank(K) == numerical_rank(g) for K, g in zip(gains, np.asarray(G), strict=True)]
+    )
     one = best_constant_weight(D, G) if np.any(D) else None
     operations = _operations(problem)
     equal &= least <= operations * EPSILON
@@ -170,11 +209,23 @@ def _matched(problem: Problem, path: _Path, temperature: float) -> tuple[list[Ch
     Q = problem.system.H @ problem.system.H.T
     checks = [
         rounding(
-            "Proposition 3(i): largest eps* over the steps, 0 if range(D) is in range(G)", np.max(least), operations
+            "Proposition 3(i): largest eps* over the steps, 0 if range(D) is in range(G)",
+            np.max(least),
+            operations,
         ),
         rounding("the same: smallest eps* over the steps", np.min(least), operations),
-        near("Proposition 3(ii): share of the steps at which range(D) = range(G)", np.mean(equal), 1.0, 0.0, "a count"),
-        rounding("(15) with this lambda and R: largest residual over the steps", np.max(given), operations),
+        near(
+            "Proposition 3(ii): share of the steps at which range(D) = range(G)",
+            np.mean(equal),
+            1.0,
+            0.0,
+            "a count",
+        ),
+        rounding(
+            "(15) with this lambda and R: largest residual over the steps",
+            np.max(given),
+            operations,
+        ),
         at_most(
             "(15) with one W >= 0 for lambda R^-1 at all steps: RMS residual",
             alone,
@@ -182,7 +233,9 @@ def _matched(problem: Problem, path: _Path, temperature: float) -> tuple[list[Ch
             "accuracy of the search for it",
         ),
         rounding(
-            "Remark 1: residual of Q = lambda G R^-1 G', the state being known", _left(Q, G[0], imposed), operations
+            "Remark 1: residual of Q = lambda G R^-1 G', the state being known",
+            _left(Q, G[0], imposed),
+            operations,
         ),
     ]
     return checks, _reading(checks, still=int(np.sum(~np.any(D, axis=(1, 2)))))
@@ -219,18 +272,25 @@ def _expansion(problem: Problem, path: _Path, controller: Controller) -> list[Ch
 
     Nothing for a controller without theta.
     """
-    theta, of_all = getattr(controller, "theta", None), getattr(controller, "risk", "total") == "total"
+    theta, of_all = (
+        getattr(controller, "theta", None),
+        getattr(controller, "risk", "total") == "total",
+    )
     if theta is None:
         return []
     mean, cov, *_ = path.schedule
-    ratios = float(theta) * np.abs(_skewness(problem, mean, cov, float(of_all), *gaussian_nodes(mean.shape[1])))
+    ratios = float(theta) * np.abs(
+        _skewness(problem, mean, cov, float(of_all), *gaussian_nodes(mean.shape[1]))
+    )
     worst, what = int(np.argmax(ratios)), "the cost" if of_all else "the penalty"
     computed = f"Remark 4, theta = {float(theta):g}, {what}: third over second term of rho, largest at step {worst}"
     return [at_most(computed, ratios[worst], TRUST, "the expansion has to fall off")]
 
 
 @jax.jit
-def _skewness(problem: Problem, means: Array, covs: Array, base: Array, points: Array, weights: Array) -> Array:
+def _skewness(
+    problem: Problem, means: Array, covs: Array, base: Array, points: Array, weights: Array
+) -> Array:
     """kappa_3 / (3 kappa_2) (P,) of `base` times the base cost plus the penalty; means (P, nx), covs (P, nx, nx)."""
 
     def at(belief: tuple[Array, Array]) -> Array:

@@ -107,7 +107,9 @@ def quadratic(coefficients: Quadratic, mu: np.ndarray) -> np.ndarray:
 
 def desirability(equation: Equation, on: Grid) -> np.ndarray:
     """Psi (m + 1, n) of (16), whatever the control's authority is."""
-    effective = equation.diffusion / equation.temperature  # that for which (16) is a Bellman equation
+    effective = (
+        equation.diffusion / equation.temperature
+    )  # that for which (16) is a Bellman equation
     ends = np.exp(-_ends(equation, effective, on) / equation.temperature)
     lower, centre, upper = _generator(equation, on, equation.drift * on.points)
     centre[1:-1] -= equation.running(on.points)[1:-1] / equation.temperature
@@ -115,7 +117,9 @@ def desirability(equation: Equation, on: Grid) -> np.ndarray:
     psi = np.empty((len(on.times), len(on.points)))
     psi[-1] = np.exp(-equation.terminal(on.points) / equation.temperature)
     for k in range(len(psi) - 2, -1, -1):
-        psi[k] = _implicit(bands, psi[k + 1] + on.dt / 2 * _apply(bands, psi[k + 1]), ends[k], on.dt)
+        psi[k] = _implicit(
+            bands, psi[k + 1] + on.dt / 2 * _apply(bands, psi[k + 1]), ends[k], on.dt
+        )
     return psi
 
 
@@ -126,7 +130,11 @@ def value(equation: Equation, on: Grid) -> tuple[np.ndarray, float]:
     Raises RuntimeError if LSODA gives up.
     """
     mu, h = on.points, on.h
-    q, drift, far = equation.running(mu)[1:-1], equation.drift * mu[1:-1], _far_solution(equation, equation.authority)
+    q, drift, far = (
+        equation.running(mu)[1:-1],
+        equation.drift * mu[1:-1],
+        _far_solution(equation, equation.authority),
+    )
     beyond = np.array([mu[0] - h, mu[0], mu[-1], mu[-1] + h])
 
     def rate(left: float, inside: np.ndarray) -> np.ndarray:
@@ -135,11 +143,18 @@ def value(equation: Equation, on: Grid) -> tuple[np.ndarray, float]:
         gradient = (8 * (V[3:-1] - V[1:-3]) - (V[4:] - V[:-4])) / (12 * h)
         bend = (16 * (V[3:-1] + V[1:-3]) - 30 * V[2:-2] - (V[4:] + V[:-4])) / (12 * h**2)
         move = -equation.authority * gradient
-        return q + move**2 / (2 * equation.authority) + (drift + move) * gradient + equation.diffusion / 2 * bend
+        return (
+            q
+            + move**2 / (2 * equation.authority)
+            + (drift + move) * gradient
+            + equation.diffusion / 2 * bend
+        )
 
     left = equation.duration - on.times[::-1]
     settings = {"rtol": TOLERANCE, "atol": TOLERANCE, "lband": 2, "uband": 2}
-    found = solve_ivp(rate, (0, equation.duration), equation.terminal(mu)[1:-1], "LSODA", left, **settings)
+    found = solve_ivp(
+        rate, (0, equation.duration), equation.terminal(mu)[1:-1], "LSODA", left, **settings
+    )
     if not found.success:
         raise RuntimeError(found.message)
     ends = _ends(equation, equation.authority, on)
@@ -183,9 +198,15 @@ def _implicit(bands: Bands, known: np.ndarray, ends: np.ndarray, dt: float) -> n
     """v with v - dt/2 bands v = known (n,) inside and the given values (2,) at the ends."""
     lower, centre, upper = bands
     matrix = np.zeros((3, len(known)))
-    matrix[0, 1:], matrix[1], matrix[2, :-1] = -dt / 2 * upper[:-1], 1 - dt / 2 * centre, -dt / 2 * lower[1:]
+    matrix[0, 1:], matrix[1], matrix[2, :-1] = (
+        -dt / 2 * upper[:-1],
+        1 - dt / 2 * centre,
+        -dt / 2 * lower[1:],
+    )
     known = np.concatenate([ends[:1], known[1:-1], ends[1:]])
-    return solve_banded((1, 1), matrix, known, overwrite_ab=True, overwrite_b=True, check_finite=False)
+    return solve_banded(
+        (1, 1), matrix, known, overwrite_ab=True, overwrite_b=True, check_finite=False
+    )
 
 
 class Discrete:
@@ -211,13 +232,17 @@ class Discrete:
         """log Psi_1: nearly quadratic where its argument is large, as splines like it."""
         reach = self.equation.reach
         points = np.linspace(-reach, reach, round(2 * reach / CELL) + 1)
-        log = make_interp_spline(points, -self.equation.terminal(points) / self.equation.temperature, DEGREE)
+        log = make_interp_spline(
+            points, -self.equation.terminal(points) / self.equation.temperature, DEGREE
+        )
         charged = self.equation.running(points)
         for _ in range(self.steps - 1):
             log = make_interp_spline(points, self._backward(points, log, charged), DEGREE)
         return log
 
-    def _backward(self, mu: np.ndarray, log: BSpline, charged: np.ndarray | None = None) -> np.ndarray:
+    def _backward(
+        self, mu: np.ndarray, log: BSpline, charged: np.ndarray | None = None
+    ) -> np.ndarray:
         q = self.equation.running(mu) if charged is None else charged
         return logsumexp(self._ahead(mu, log)[0], axis=-1) - q * self.dt / self.equation.temperature
 

@@ -33,7 +33,9 @@ def certify(name: str, seed: int) -> Done:
     return Done(name, made, "", time.perf_counter() - began)
 
 
-def certify_all(names: Sequence[str], seed: int, workers: int, initializer: Callable[[], object]) -> Generator[Done]:
+def certify_all(
+    names: Sequence[str], seed: int, workers: int, initializer: Callable[[], object]
+) -> Generator[Done]:
     """Yield the certificate of every name as it is done; `initializer` starts each of the `workers` processes.
 
     Where a process dies, those that were under way are computed once more, each in a process of its own. A caller
@@ -57,7 +59,9 @@ def _in_pool(
     context = multiprocessing.get_context("spawn")
     pool = ProcessPoolExecutor(min(workers, len(names)), context, initializer=initializer)
     try:
-        waiting: dict[Future[Done], str] = {pool.submit(certify, name, seed): name for name in names}
+        waiting: dict[Future[Done], str] = {
+            pool.submit(certify, name, seed): name for name in names
+        }
         for future in as_completed(waiting):
             died = isinstance(future.exception(), BrokenProcessPool)
             yield waiting[future], None if died else future.result()

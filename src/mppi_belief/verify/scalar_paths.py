@@ -79,10 +79,14 @@ def measured(problem: Problem, seed: int, path: Array) -> Array:
     return jax.lax.scan(step, start, (controls, jnp.arange(problem.steps)))[1]
 
 
-def filtered(problem: Problem, filter: Filter, measurements: Array, key: Array) -> tuple[Array, Array]:
+def filtered(
+    problem: Problem, filter: Filter, measurements: Array, key: Array
+) -> tuple[Array, Array]:
     """Means and variances (T+1,) of a filter of one state given measurements (T, 1)."""
 
-    def step(belief: Belief, given: tuple[Array, Array, Array]) -> tuple[Belief, tuple[Array, Array]]:
+    def step(
+        belief: Belief, given: tuple[Array, Array, Array]
+    ) -> tuple[Belief, tuple[Array, Array]]:
         u, y, k = given
         belief = filter.update(problem, belief, u[None], y, jax.random.fold_in(key, k))
         return belief, (belief.mean[0], belief.cov[0, 0])
@@ -93,7 +97,9 @@ def filtered(problem: Problem, filter: Filter, measurements: Array, key: Array) 
     return jnp.append(first.mean, mean), jnp.append(first.cov[0], variance)
 
 
-def on_grid(problem: Problem, cells: int, dy: Reals, c: Reals | None = None, substeps: int = 1) -> Moments:
+def on_grid(
+    problem: Problem, cells: int, dy: Reals, c: Reals | None = None, substeps: int = 1
+) -> Moments:
     """The grid filter's moments for increments dy (T, P); `c` (n, P) if it differs from path to path."""
     on = kushner.grid(-REACH, REACH, cells)
     model = kushner.coefficients(problem.system, on, problem.dt)

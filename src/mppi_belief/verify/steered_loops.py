@@ -30,7 +30,16 @@ from ..costs import GoalObstacleCost
 from ..filters import EKF
 from ..obstacles import Obstacles
 from ..problem import Problem
-from ..results.certificate import Check, Line, Panel, at_least, largest_z, near, quantile, within_errors
+from ..results.certificate import (
+    Check,
+    Line,
+    Panel,
+    at_least,
+    largest_z,
+    near,
+    quantile,
+    within_errors,
+)
 from ..simulate import simulate_trial
 from ..systems import Steered
 from ..trial_metrics import metrics
@@ -68,10 +77,20 @@ def platform() -> tuple[Problem, Optimum]:
     F, B = np.eye(4) + DT * A, DT * G
     P = solve_discrete_are(F, B, q * DT, R * DT)
     S = R * DT + B.T @ P @ B
-    plant: dict[str, Any] = {"A": A, "B": G, "C": np.eye(2, 4), "channel": GUSTS * G, "sensor_noise": np.full(2, NOISE)}
-    system = Steered(**plant, control_weight=jnp.asarray(R), temperature=TEMPERATURE, selector="matched")
+    plant: dict[str, Any] = {
+        "A": A,
+        "B": G,
+        "C": np.eye(2, 4),
+        "channel": GUSTS * G,
+        "sensor_noise": np.full(2, NOISE),
+    }
+    system = Steered(
+        **plant, control_weight=jnp.asarray(R), temperature=TEMPERATURE, selector="matched"
+    )
     nothing = Obstacles(jnp.zeros((0, 2)), 0.0)
-    cost = GoalObstacleCost(jnp.zeros(4), jnp.array(WEIGHTS), (P + P.T) / 2, jnp.asarray(R), nothing, 0.0, 1.0)
+    cost = GoalObstacleCost(
+        jnp.zeros(4), jnp.array(WEIGHTS), (P + P.T) / 2, jnp.asarray(R), nothing, 0.0, 1.0
+    )
     problem = Problem(system, cost, jnp.array(START), jnp.full(4, SPREAD), DT, STEPS)
     return problem, Optimum(F, B, P, np.linalg.solve(S, B.T @ P @ F), S)
 
@@ -88,12 +107,18 @@ def covariances(optimum: Optimum) -> tuple[np.ndarray, np.ndarray]:
 
 def optimal_cost(optimum: Optimum) -> float:
     """Cost of LQG with the matched sensor, by the separation principle."""
-    (covs, _), start, noise = covariances(optimum), np.array(START), GUSTS**2 * optimum.B @ optimum.B.T / DT
+    (covs, _), start, noise = (
+        covariances(optimum),
+        np.array(START),
+        GUSTS**2 * optimum.B @ optimum.B.T / DT,
+    )
     known = start @ optimum.P @ start + np.sum(optimum.P * (covs[0] + STEPS * noise))
     return 0.5 * float(known + np.sum(optimum.K.T @ optimum.S @ optimum.K * covs.sum(axis=0)))
 
 
-def recursion(optimum: Optimum, R: np.ndarray, tau: float) -> tuple[np.ndarray, float, np.ndarray, np.ndarray]:
+def recursion(
+    optimum: Optimum, R: np.ndarray, tau: float
+) -> tuple[np.ndarray, float, np.ndarray, np.ndarray]:
     """Of E exp(-S / tau) for D = tau G R^-1 G': the value (4, 4) and the constant now, gain and covariance of the first
     increment of the control under these weights."""
     F, B, P, constant = optimum.F, optimum.B, optimum.P, 0.0
@@ -116,7 +141,9 @@ def expected_excess(optimum: Optimum) -> Expected:
     for _ in range(STEPS):
         narrowed = np.linalg.inv(np.eye(4) - 2 * law @ rate)
         shifted = narrowed @ mean
-        level = math.exp(mean @ rate @ shifted + 2 * constant - constant2) * math.sqrt(np.linalg.det(narrowed))
+        level = math.exp(mean @ rate @ shifted + 2 * constant - constant2) * math.sqrt(
+            np.linalg.det(narrowed)
+        )
         second = narrowed @ law + np.outer(shifted, shifted)
         total += 0.5 * level * float(np.sum(optimum.S * (V2 + apart @ second @ apart.T)))
         largest = max(largest, level)
@@ -137,7 +164,9 @@ class Loops(NamedTuple):
     form: np.ndarray
 
 
-def closed_loops(optimum: Optimum, problem: Problem, samples: int, seed: int, limits: Sequence[float]) -> list[Loops]:
+def closed_loops(
+    optimum: Optimum, problem: Problem, samples: int, seed: int, limits: Sequence[float]
+) -> list[Loops]:
     """Trials 0..TRIALS-1 for each limit of the sensor; a trial's noise is always the same."""
 
     def loop(limit: Array, trial: Array) -> tuple[Array, Array]:
@@ -158,7 +187,9 @@ def certified(seed: int) -> tuple[list[Check], list[Panel]]:
     """The checks and the figure."""
     problem, optimum = platform()
     expected, best = expected_excess(optimum), optimal_cost(optimum)
-    few, many = (closed_loops(optimum, problem, samples, seed, [NONE, LIMIT]) for samples in SAMPLES)
+    few, many = (
+        closed_loops(optimum, problem, samples, seed, [NONE, LIMIT]) for samples in SAMPLES
+    )
     found = _checks([few[0], many[0]], [few[1].form, many[1].form], expected, best)
     return found, [_panel([few[0].form, many[0].form], [few[1].form, many[1].form], expected, best)]
 
@@ -174,11 +205,16 @@ def beyond(forms: Sequence[np.ndarray]) -> np.ndarray:
     return (many * forms[1] - few * forms[0]) / (many - few)
 
 
-def _checks(runs: Sequence[Loops], limited: Sequence[np.ndarray], expected: Expected, best: float) -> list[Check]:
+def _checks(
+    runs: Sequence[Loops], limited: Sequence[np.ndarray], expected: Expected, best: float
+) -> list[Check]:
     """Of loops with the matched sensor and forms with the limited one, for both N."""
     (few, many), freedom, forms = SAMPLES, TRIALS - 1, [run.form for run in runs]
     predicted = expected.per_sample / np.array(SAMPLES)
-    errors, after = np.array([error_of(form) for form in forms]), expected.next_term / np.array(SAMPLES)
+    errors, after = (
+        np.array([error_of(form) for form in forms]),
+        expected.next_term / np.array(SAMPLES),
+    )
     means = np.array([form.mean() for form in forms])
     off = np.maximum(np.abs(means - predicted) - predicted * after, 0) / errors
     optimal = [(run.cost - run.form).mean() - best for run in runs]
@@ -188,30 +224,58 @@ def _checks(runs: Sequence[Loops], limited: Sequence[np.ndarray], expected: Expe
     slope, span = math.log(means[1] / means[0]) / math.log(many / few), math.log(many / few)
     spread = quantile(1, freedom) * error_of(forms[1] / means[1] - forms[0] / means[0])
     lowest = held.mean() - quantile(1, freedom) * error_of(held)
-    at_both, smaller = f"N = {few} and {many}", "1/N; standard errors, and the next term at the smaller N"
+    at_both, smaller = (
+        f"N = {few} and {many}",
+        "1/N; standard errors, and the next term at the smaller N",
+    )
     stays = "a sensor that matches would have the next term left"
     return [
         largest_z(f"platform: cost less Σ ½ e'Se less the optimal cost, {at_both}", drawn, freedom),
         largest_z(f"platform: Σ ½ e'Se less c/N, {at_both}, next term allowed for", off, freedom),
-        near(f"platform: slope of log excess over log N, {at_both}", slope, -1.0, (spread + after[0]) / span, smaller),
-        within_errors(f"platform: excess for N → ∞, {at_both}", left.mean(), 0.0, error_of(left), freedom, allowed),
-        at_least(f"platform, sensor limited to {LIMIT:g}: the same, lower end", lowest, allowed, stays),
+        near(
+            f"platform: slope of log excess over log N, {at_both}",
+            slope,
+            -1.0,
+            (spread + after[0]) / span,
+            smaller,
+        ),
+        within_errors(
+            f"platform: excess for N → ∞, {at_both}",
+            left.mean(),
+            0.0,
+            error_of(left),
+            freedom,
+            allowed,
+        ),
+        at_least(
+            f"platform, sensor limited to {LIMIT:g}: the same, lower end", lowest, allowed, stays
+        ),
     ]
 
 
-def _panel(forms: Sequence[np.ndarray], limited: Sequence[np.ndarray], expected: Expected, best: float) -> Panel:
+def _panel(
+    forms: Sequence[np.ndarray], limited: Sequence[np.ndarray], expected: Expected, best: float
+) -> Panel:
     grid = np.geomspace(*SAMPLES, 40)
     lines = [
         Line("c/N, predicted", grid.tolist(), list(100 * expected.per_sample / grid / best)),
         _points("sensor chosen to match", forms, best),
         _points(f"the same, limited to {LIMIT:g}", limited, best),
     ]
-    return Panel("Excess cost of Algorithm 1, four states", "samples N", "excess cost (% of the optimum)", lines, "xy")
+    return Panel(
+        "Excess cost of Algorithm 1, four states",
+        "samples N",
+        "excess cost (% of the optimum)",
+        lines,
+        "xy",
+    )
 
 
 def _points(label: str, forms: Sequence[np.ndarray], best: float) -> Line:
     """Means over trials with intervals, in per cent of the optimum."""
     means, freedom = np.array([form.mean() for form in forms]), TRIALS - 1
     half = quantile(1, freedom) * np.array([error_of(form) for form in forms])
-    low, high = (list(100 * end / best) for end in (np.maximum(means - half, means / 10), means + half))
+    low, high = (
+        list(100 * end / best) for end in (np.maximum(means - half, means / 10), means + half)
+    )
     return Line(label, list(SAMPLES), list(100 * means / best), "points", low, high)

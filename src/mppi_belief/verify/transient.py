@@ -30,7 +30,9 @@ from .precision import quick_jit
 
 STEPS, SAMPLES, TEMPERATURE, THETA = 8, 64, 0.7, 0.3
 STARTS = np.array([[2.2, 0.9, 0.6, -0.3], [2.7, -0.4, 0.9, 0.2], [3.4, 0.6, 0.8, 0.4]])
-COV = np.array([[0.3, 0.05, 0.2, 0.0], [0.05, 0.15, 0.0, 0.1], [0.2, 0.0, 0.4, 0.05], [0.0, 0.1, 0.05, 0.3]])
+COV = np.array(
+    [[0.3, 0.05, 0.2, 0.0], [0.05, 0.15, 0.0, 0.1], [0.2, 0.0, 0.4, 0.05], [0.0, 0.1, 0.05, 0.3]]
+)
 AXIS = np.arange(-8.5, 8.6, 0.25)  # standard deviations: what is left out is below rounding
 
 
@@ -67,7 +69,9 @@ def transient_check(key: Array) -> Check:
     """Both ways from every start."""
     problem = transient_problem()
     found = run(problem, key)
-    by_hand = [printed(problem, *each) for each in zip(STARTS, found.factors, found.eps, strict=True)]
+    by_hand = [
+        printed(problem, *each) for each in zip(STARTS, found.factors, found.eps, strict=True)
+    ]
     error = max(p.factor_error for p in by_hand)
     for u, p in zip(found.control, by_hand, strict=True):
         error = max(error, float(np.max(np.abs(u - p.control))) / p.largest)
@@ -88,7 +92,9 @@ def run(problem: Problem, key: Array) -> Run:
     return Run(*(np.asarray(part) for part in quick_jit(_run)(planner, problem, STARTS, COV, keys)))
 
 
-def _run(planner: MPPIBelief, problem: Problem, starts: Array, cov: Array, keys: Array) -> tuple[Array, Array, Array]:
+def _run(
+    planner: MPPIBelief, problem: Problem, starts: Array, cov: Array, keys: Array
+) -> tuple[Array, Array, Array]:
     plan = planner.init(problem)
 
     def at(given: tuple[Array, Array]) -> tuple[Array, Array, Array]:
@@ -106,8 +112,12 @@ def riccati(problem: Problem, mean: np.ndarray) -> tuple[np.ndarray, np.ndarray]
     A, C, Q = np.eye(4, k=2), np.eye(2, 4), np.diag([0.0, 0.0, 1.0, 1.0]) * system.process_noise**2
     covs, diffusions = [COV], []
     for _ in range(STEPS):
-        seen = C.T @ C / (system.noise_slope * abs(mean[0] - system.light) + system.noise_floor) ** 2
-        flow = expm(np.block([[-A.T, seen], [Q, A]]) * problem.dt) @ np.vstack([np.eye(4), covs[-1]])
+        seen = (
+            C.T @ C / (system.noise_slope * abs(mean[0] - system.light) + system.noise_floor) ** 2
+        )
+        flow = expm(np.block([[-A.T, seen], [Q, A]]) * problem.dt) @ np.vstack(
+            [np.eye(4), covs[-1]]
+        )
         diffusions.append(covs[-1] @ seen @ covs[-1])
         covs.append(flow[4:] @ np.linalg.inv(flow[:4]))
         mean = mean + A @ mean * problem.dt
@@ -121,11 +131,15 @@ def running(cost: Any, mu: np.ndarray, cov: np.ndarray) -> np.ndarray:
     weights = np.exp(-np.sum(z**2, axis=0) / 2)
     weights /= weights.sum()
     points = mu[:2, :, None] + (np.linalg.cholesky(cov[:2, :2]) @ z)[:, None]
-    squares = [np.sum((points - np.asarray(c)[:, None, None]) ** 2, axis=0) for c in cost.obstacles.centers]
+    squares = [
+        np.sum((points - np.asarray(c)[:, None, None]) ** 2, axis=0) for c in cost.obstacles.centers
+    ]
     bumps = cost.w_obs * sum(np.exp(-square / (2 * cost.bump_width**2)) for square in squares)
     mean = bumps @ weights
     variance = (bumps - mean[:, None]) ** 2 @ weights
-    expected: np.ndarray = (np.sum(away * (Q @ away), axis=0) + np.trace(Q @ cov)) / 2 + mean + THETA / 2 * variance
+    expected: np.ndarray = (
+        (np.sum(away * (Q @ away), axis=0) + np.trace(Q @ cov)) / 2 + mean + THETA / 2 * variance
+    )
     return expected
 
 
@@ -143,5 +157,12 @@ def printed(problem: Problem, start: np.ndarray, L: np.ndarray, eps: np.ndarray)
     S += (np.sum(away * (Q_T @ away), axis=0) + np.trace(Q_T @ covs[-1])) / 2
     w = np.exp((S.min() - S) / TEMPERATURE)
     increments = M @ eps[0] / problem.dt
-    wrong = np.linalg.norm(L @ L.transpose(0, 2, 1) - diffusions, axis=(1, 2)) / np.linalg.norm(diffusions, axis=(1, 2))
-    return Printed(increments @ w / w.sum(), float(np.max(np.abs(increments))), S / TEMPERATURE, float(np.max(wrong)))
+    wrong = np.linalg.norm(L @ L.transpose(0, 2, 1) - diffusions, axis=(1, 2)) / np.linalg.norm(
+        diffusions, axis=(1, 2)
+    )
+    return Printed(
+        increments @ w / w.sum(),
+        float(np.max(np.abs(increments))),
+        S / TEMPERATURE,
+        float(np.max(wrong)),
+    )

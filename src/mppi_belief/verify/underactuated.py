@@ -38,7 +38,9 @@ def underactuated(steps: int = STEPS[0]) -> tuple[Problem, np.ndarray, float]:
     measured, noise = jnp.asarray(C), jnp.asarray(channel)
     system = Linear(jnp.asarray(A), jnp.asarray(G), measured, noise, jnp.ones(1), "intensity")
     # a goal at rest, so that the distance from it moves as the state does
-    goal, q, q_T, R = (jnp.array(v) for v in ([0.5, 0.0], [1.0, 0.3], [2.0, 0.5], [temperature / strength]))
+    goal, q, q_T, R = (
+        jnp.array(v) for v in ([0.5, 0.0], [1.0, 0.3], [2.0, 0.5], [temperature / strength])
+    )
     cost = GoalObstacleCost(goal, q, q_T, R, Obstacles(jnp.zeros((0, 2)), 0.0), 0.0, 1.0)
     std = jnp.sqrt(jnp.diag(jnp.asarray(cov)))
     problem = Problem(system, cost, jnp.zeros(2), std, dt=DURATION / steps, steps=steps)
@@ -50,12 +52,20 @@ def underactuated_checks() -> list[Check]:
     problem, cov, temperature = underactuated()
     along = steady(problem, cov)
     distances = [
-        float(np.linalg.norm([exact(problem, along, temperature, x, H) - lqr(problem, x) for x in STATES]))
+        float(
+            np.linalg.norm(
+                [exact(problem, along, temperature, x, H) - lqr(problem, x) for x in STATES]
+            )
+        )
         for H in STEPS
     ]
     return [
         *_algebra(problem, along, temperature),
-        order("D of rank 1: exact expectation of (19) against the Riccati equation, order in Δt", 1, distances),
+        order(
+            "D of rank 1: exact expectation of (19) against the Riccati equation, order in Δt",
+            1,
+            distances,
+        ),
     ]
 
 
@@ -63,23 +73,40 @@ def _algebra(problem: Problem, along: Steady, temperature: float) -> list[Check]
     """(15), and what the pseudoinverse makes of a disturbance in and outside the range of D."""
     G, R, D = problem.system.G(jnp.zeros(2)), problem.cost.R, jnp.asarray(along.diffusion[0])
     found = np.asarray(pi.control_map(G, R))
-    printed = np.asarray(temperature * jnp.linalg.solve(R, G.T) @ jnp.linalg.pinv(D, hermitian=True))
+    printed = np.asarray(
+        temperature * jnp.linalg.solve(R, G.T) @ jnp.linalg.pinv(D, hermitian=True)
+    )
     outside = found @ (np.eye(2) - np.asarray(G @ jnp.linalg.pinv(G)))
     wrong = max(float(np.max(np.abs(found - printed))), float(np.max(np.abs(outside))))
     return [
-        matching_check("D of rank 1: largest residual ε of (15) along the gain schedule", problem, temperature, along),
-        rounding("control map of (19) less λR⁻¹G'D⁺, and what it makes of the rest of the space", wrong, 1000),
+        matching_check(
+            "D of rank 1: largest residual ε of (15) along the gain schedule",
+            problem,
+            temperature,
+            along,
+        ),
+        rounding(
+            "control map of (19) less λR⁻¹G'D⁺, and what it makes of the rest of the space",
+            wrong,
+            1000,
+        ),
     ]
 
 
-def exact(problem: Problem, along: Steady, temperature: float, start: np.ndarray, steps: int) -> float:
+def exact(
+    problem: Problem, along: Steady, temperature: float, start: np.ndarray, steps: int
+) -> float:
     """u, the expectation of (19)."""
     L = np.asarray(along.factors[0, :, 0])
-    to_control = float((np.asarray(pi.control_map(problem.system.G(jnp.zeros(2)), problem.cost.R)) @ L)[0])
+    to_control = float(
+        (np.asarray(pi.control_map(problem.system.G(jnp.zeros(2)), problem.cost.R)) @ L)[0]
+    )
     return to_control * tilted_increment(problem, L, temperature, start, steps)
 
 
-def tilted_increment(problem: Problem, L: np.ndarray, temperature: float, start: np.ndarray, steps: int) -> float:
+def tilted_increment(
+    problem: Problem, L: np.ndarray, temperature: float, start: np.ndarray, steps: int
+) -> float:
     """Mean of eps_0 / dt weighted by exp(-S / lambda), over (18) with L (2,).
 
     mu_k = F^k start + row_k eps with S = sum over k of 1/2 |mu_k - goal|^2 dt and the terminal cost; the covariance's
@@ -91,8 +118,14 @@ def tilted_increment(problem: Problem, L: np.ndarray, temperature: float, start:
     pushed = np.zeros((steps + 1, 2, steps))
     for k in range(1, steps + 1):
         pushed[k, :, :k] = np.stack([powers[k - 1 - j] @ L for j in range(k)], axis=-1)
-    rows, away = pushed.reshape(-1, steps), (np.stack(powers) @ (start - np.asarray(cost.goal))).ravel()
-    weight = np.concatenate([np.tile(cost.running_weight, steps) * dt, cost.terminal_weight]) / temperature
+    rows, away = (
+        pushed.reshape(-1, steps),
+        (np.stack(powers) @ (start - np.asarray(cost.goal))).ravel(),
+    )
+    weight = (
+        np.concatenate([np.tile(cost.running_weight, steps) * dt, cost.terminal_weight])
+        / temperature
+    )
     precision, slope = np.eye(steps) / dt + rows.T * weight @ rows, rows.T @ (weight * away)
     return float(-np.linalg.solve(precision, slope)[0] / dt)
 

@@ -38,9 +38,13 @@ class Patient:
     def init(self, problem: mb.Problem) -> tuple[()]:
         return ()
 
-    def act(self, problem: mb.Problem, belief: mb.Belief, plan: tuple[()], key: Array) -> tuple[Array, tuple[()], Info]:
+    def act(
+        self, problem: mb.Problem, belief: mb.Belief, plan: tuple[()], key: Array
+    ) -> tuple[Array, tuple[()], Info]:
         theirs = jax.random.fold_in(role_key(0, UNLUCKY, PLANNER), 0)
         now = jnp.all(jax.random.key_data(key) == jax.random.key_data(theirs))
         shape = jax.ShapeDtypeStruct((), jnp.float32)
-        slept = jax.pure_callback(lambda nap, now: wait(float(nap), self.fate, bool(now)), shape, self.nap, now)
+        slept = jax.pure_callback(
+            lambda nap, now: wait(float(nap), self.fate, bool(now)), shape, self.nap, now
+        )
         return -0.5 * belief.mean + slept, plan, Info(jnp.ones(()))

@@ -36,13 +36,17 @@ def suffer(fate: str) -> np.float32:
 class Unlucky:
     """u = -mean / 2, until the first step of one trial of seed 0."""
 
-    fate: str = mb.choice("nothing", "raises", "kills", "hangs", "holds", "becomes_nan", "becomes_inf")
+    fate: str = mb.choice(
+        "nothing", "raises", "kills", "hangs", "holds", "becomes_nan", "becomes_inf"
+    )
     trial: int = mb.size(3, ge=0)
 
     def init(self, problem: mb.Problem) -> tuple[()]:
         return ()
 
-    def act(self, problem: mb.Problem, belief: mb.Belief, plan: tuple[()], key: Array) -> tuple[Array, tuple[()], Info]:
+    def act(
+        self, problem: mb.Problem, belief: mb.Belief, plan: tuple[()], key: Array
+    ) -> tuple[Array, tuple[()], Info]:
         u = -0.5 * belief.mean
         theirs = jax.random.fold_in(role_key(0, self.trial, PLANNER), 0)
         now = jnp.all(jax.random.key_data(key) == jax.random.key_data(theirs))
@@ -50,5 +54,7 @@ class Unlucky:
             u = jnp.where(now, float(self.fate.removeprefix("becomes_")), u)
         elif self.fate != "nothing":
             shape = jax.ShapeDtypeStruct((), jnp.float32)
-            u = u + jax.lax.cond(now, lambda: jax.pure_callback(lambda: suffer(self.fate), shape), lambda: 0.0)
+            u = u + jax.lax.cond(
+                now, lambda: jax.pure_callback(lambda: suffer(self.fate), shape), lambda: 0.0
+            )
         return u, plan, Info(jnp.ones(()))

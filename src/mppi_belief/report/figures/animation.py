@@ -38,7 +38,10 @@ from .style import GREEN, INK, ORANGE, STYLE, look, place
 FRAMES = 60  # steps are left out of longer trials
 FRAME, HOLD = 100, 1500  # ms, of every frame and of the last one
 WIDTH, PIXELS = 6.0, 150  # inches, per inch
-GREYS, MIXES = 112, 8  # colours of the palette: greys, and of each other colour with white, grey and ink
+GREYS, MIXES = (
+    112,
+    8,
+)  # colours of the palette: greys, and of each other colour with white, grey and ink
 SMALL = 0.8  # marks and edges against those of larger pictures
 
 
@@ -100,11 +103,22 @@ def _show(found: Found) -> Show | None:
     position, mean, cov = stacked(steps)
     away = np.linalg.norm(position[:, None] - np.reshape(scene["obstacles"], (-1, 2)), axis=-1)
     hit = np.logical_or.accumulate((away <= scene["radius"]).any(axis=1))
-    return Show(found, scene, position, mean, cov, np.asarray(samples["position"]), np.asarray(samples["weight"]), hit)
+    return Show(
+        found,
+        scene,
+        position,
+        mean,
+        cov,
+        np.asarray(samples["position"]),
+        np.asarray(samples["weight"]),
+        hit,
+    )
 
 
 def _frames(shows: Sequence[Show], steps: Sequence[int]) -> Iterator[Image.Image]:
-    corners = around([window([show.position, *reach(show.mean, show.cov)], show.scene) for show in shows])
+    corners = around(
+        [window([show.position, *reach(show.mean, show.cov)], show.scene) for show in shows]
+    )
     width, height = corners[1] - corners[0]
     size = (WIDTH, min(1.0 + (WIDTH - 1.2) / len(shows) * height / width, WIDTH))
     figure = Figure(figsize=size, dpi=PIXELS, layout="compressed")
@@ -161,9 +175,18 @@ def _move(parts: Moving, show: Show, step: int) -> None:
 def _explain(figure: Figure, shows: Sequence[Show]) -> None:
     colours = [look(show.found.method).colour for show in shows]
     path = tuple(Line2D([], [], color=colour, lw=2) for colour in colours)
-    belief = tuple(Line2D([], [], marker="o", mfc="none", mec=colour, mew=1.6, ms=7, ls="none") for colour in colours)
+    belief = tuple(
+        Line2D([], [], marker="o", mfc="none", mec=colour, mew=1.6, ms=7, ls="none")
+        for colour in colours
+    )
     handles: Any = [*ends(SMALL), path, belief, Line2D([], [], color=INK, lw=0.6)]
-    labels = ["start", "goal", "true path", f"belief (${SIGMAS:.0f}\\sigma$)", "sampled paths, heavier ones darker"]
+    labels = [
+        "start",
+        "goal",
+        "true path",
+        f"belief (${SIGMAS:.0f}\\sigma$)",
+        "sampled paths, heavier ones darker",
+    ]
     figure.legend(handles, labels, handler_map=SIDE_BY_SIDE, loc="outside lower center", ncols=5)
 
 
@@ -171,7 +194,11 @@ def _palette(colours: Sequence[str]) -> Image.Image:
     """What the frames are made of; one palette, so that what stands still is the same pixels in all of them."""
     greys = np.linspace([0, 0, 0], [1, 1, 1], GREYS)
     accents = [to_rgb(colour) for colour in (*dict.fromkeys(colours), GREEN, ORANGE)]
-    mixes = [np.linspace(to_rgb(other), accent, MIXES) for accent in accents for other in ("white", "silver", INK)]
+    mixes = [
+        np.linspace(to_rgb(other), accent, MIXES)
+        for accent in accents
+        for other in ("white", "silver", INK)
+    ]
     table = Image.new("P", (1, 1))
     table.putpalette(np.round(255 * np.vstack([greys, *mixes])).astype(int).ravel().tolist())
     return table

@@ -33,7 +33,11 @@ def consistency_figure(points: Sequence["Point"]) -> Figure | None:
             column[0].set_title(system)
             _bands(column[1], cells)
             for index, filter in enumerate(dict.fromkeys(point.filter for point in cells)):
-                _lines(column, [point for point in cells if point.filter == filter], 0.02 * (2 * index - 1))
+                _lines(
+                    column,
+                    [point for point in cells if point.filter == filter],
+                    0.02 * (2 * index - 1),
+                )
             _scale(column[1], cells)
             column[2].axhline(0, color=GREY, lw=0.6)
             column[2].set_xlabel(r"curvature $\kappa$")
@@ -51,7 +55,9 @@ def _bands(axes: Axes, cells: Sequence["Point"]) -> None:
     for index, (name, shade) in enumerate((("NEES", "#DDDDDD"), ("NIS", "#AAAAAA"))):
         band = {point.curvature: point.bands[index] for point in cells}
         low, high = ([band[kappa][end] for kappa in curvatures] for end in (1, 2))
-        axes.fill_between(curvatures, low, high, color=shade, lw=0, zorder=0, label=f"95 % band of {name}")
+        axes.fill_between(
+            curvatures, low, high, color=shade, lw=0, zorder=0, label=f"95 % band of {name}"
+        )
 
 
 def _scale(axes: Axes, cells: Sequence["Point"]) -> None:
@@ -65,7 +71,9 @@ def _lines(column: np.ndarray, cells: Sequence["Point"], aside: float) -> None:
     """One filter in all panels of a system, moved aside so that bars do not hide each other."""
     look, name = LOOKS.get(cells[0].filter, OTHER), cells[0].filter.upper()
     x = [point.curvature + aside for point in cells]
-    column[0].plot(x, [point.residual for point in cells], color=look.colour, marker=look.marker, ls=look.line)
+    column[0].plot(
+        x, [point.residual for point in cells], color=look.colour, marker=look.marker, ls=look.line
+    )
     draw(column[1], x, [point.nees for point in cells], look, label=f"NEES, {name}")
     draw(column[1], x, [point.nis for point in cells], look, label=f"NIS, {name}", **HOLLOW)
     draw(column[2], x, [point.loss for point in cells], look)

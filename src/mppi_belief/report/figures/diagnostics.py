@@ -38,7 +38,9 @@ def residual_figure(found: Found) -> Figure | None:
         panels = figure.subplots(1 + imposed, 1, sharex=True, squeeze=False)[:, 0]
         _curves(panels[0], curves, "optimum", found.scene["dt"])
         panels[0].set(ylim=(0, 1.05), ylabel=r"best weight: $\varepsilon^*$")
-        panels[0].axhline(published.RESIDUAL, color=GREY, lw=0.8, ls="--", label=f"paper: {published.RESIDUAL}")
+        panels[0].axhline(
+            published.RESIDUAL, color=GREY, lw=0.8, ls="--", label=f"paper: {published.RESIDUAL}"
+        )
         if imposed:
             _curves(panels[1], curves, "imposed", found.scene["dt"])
             panels[1].set(yscale="log", ylabel=r"weight $\lambda R^{-1}$: residual")
@@ -59,7 +61,9 @@ def ess_figure(founds: Sequence[Found]) -> Figure | None:
 
     A line a horizon, with 95 % intervals; cells that name neither are left out. None if none is left.
     """
-    there = [found for found in founds if len(found.good) and {SAMPLES, HORIZON} <= found.labels.keys()]
+    there = [
+        found for found in founds if len(found.good) and {SAMPLES, HORIZON} <= found.labels.keys()
+    ]
     if not there:
         return None
     quantities = {
@@ -76,14 +80,24 @@ def ess_figure(founds: Sequence[Found]) -> Figure | None:
             for index, horizon in enumerate(horizons):
                 cells = [found for found in there if found.labels[HORIZON] == horizon]
                 cells.sort(key=lambda found: found.labels[SAMPLES])
-                x = dodge([found.labels[SAMPLES] for found in cells], index, len(horizons), ratio=1.12)
+                x = dodge(
+                    [found.labels[SAMPLES] for found in cells], index, len(horizons), ratio=1.12
+                )
                 label = f"$H = {horizon}$"
-                draw(axes, x, [estimate(found) for found in cells], _shade(index, len(horizons)), label=label)
+                draw(
+                    axes,
+                    x,
+                    [estimate(found) for found in cells],
+                    _shade(index, len(horizons)),
+                    label=label,
+                )
             axes.set_title(title)
         panels[0, 0].set_yscale("log")
         panels[0, 0].yaxis.set_major_formatter("{x:g}")
         _sample_axis(panels, sorted({found.labels[SAMPLES] for found in there}))
-        figure.legend(*panels[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
+        figure.legend(
+            *panels[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=4
+        )
         return figure
 
 

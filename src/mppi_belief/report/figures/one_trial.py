@@ -20,7 +20,11 @@ FANS = 5  # how many steps' sampled paths are shown
 
 
 def one_trial(
-    path: Sequence[dict[str, Any]], scene: dict[str, Any], samples: dict[str, Any] | None, method: str, title: str
+    path: Sequence[dict[str, Any]],
+    scene: dict[str, Any],
+    samples: dict[str, Any] | None,
+    method: str,
+    title: str,
 ) -> Figure:
     """A trial's path over sigma_o (m) with the belief (2 sigma) at every sixth step and the paths sampled at some of
     them; for one-dimensional positions, over time.
@@ -33,7 +37,9 @@ def one_trial(
         return draw(pd.DataFrame(list(path)), scene, samples, look(method).colour, title)
 
 
-def _in_plane(steps: pd.DataFrame, scene: dict[str, Any], samples: Any, colour: str, title: str) -> Figure:
+def _in_plane(
+    steps: pd.DataFrame, scene: dict[str, Any], samples: Any, colour: str, title: str
+) -> Figure:
     position, mean, cov = stacked(steps)
     corners = window([position, *reach(mean, cov)], scene)
     width, height = corners[1] - corners[0]
@@ -47,14 +53,20 @@ def _in_plane(steps: pd.DataFrame, scene: dict[str, Any], samples: Any, colour: 
         axes.add_patch(ellipse(mean[k], cov[k], fill=False, ec=colour, lw=1.0, zorder=5))
     axes.plot(*mean[::EVERY, :2].T, "+", color=colour, ms=5, zorder=5)
     axes.plot(*position.T, color=colour, lw=2, zorder=4.5)
-    axes.set(xlim=corners[:, 0], ylim=corners[:, 1], xlabel="$p_x$ (m)", ylabel="$p_y$ (m)", title=title)
+    axes.set(
+        xlim=corners[:, 0], ylim=corners[:, 1], xlabel="$p_x$ (m)", ylabel="$p_y$ (m)", title=title
+    )
     figure.colorbar(shading, ax=axes, label=r"$\sigma_o$ (m)", fraction=0.04, pad=0.02, shrink=0.8)
     belief = Line2D([], [], marker="o", mfc="none", mec=colour, ms=8, ls="none")
-    _explain(figure, [*ends(), Line2D([], [], color=colour, lw=2), belief], ["start", "goal"], samples)
+    _explain(
+        figure, [*ends(), Line2D([], [], color=colour, lw=2), belief], ["start", "goal"], samples
+    )
     return figure
 
 
-def _over_time(steps: pd.DataFrame, scene: dict[str, Any], samples: Any, colour: str, title: str) -> Figure:
+def _over_time(
+    steps: pd.DataFrame, scene: dict[str, Any], samples: Any, colour: str, title: str
+) -> Figure:
     state, mean = (np.stack(list(steps[name])).astype(float) for name in ("state", "mean"))
     deviation = np.sqrt(np.stack(list(steps["cov"])).astype(float)[:, 0])
     time = scene["dt"] * np.arange(len(steps))
@@ -78,7 +90,10 @@ def _fans(samples: Any, steps: int) -> list[tuple[int, np.ndarray, np.ndarray]]:
     if not samples:
         return []
     chosen = range(0, steps, max(-(-steps // FANS), 1))
-    return [(k, np.asarray(samples["position"][k], float), np.asarray(samples["weight"][k], float)) for k in chosen]
+    return [
+        (k, np.asarray(samples["position"][k], float), np.asarray(samples["weight"][k], float))
+        for k in chosen
+    ]
 
 
 def _add(axes: Axes, paths: np.ndarray, weights: np.ndarray) -> None:
@@ -86,7 +101,9 @@ def _add(axes: Axes, paths: np.ndarray, weights: np.ndarray) -> None:
     order = np.argsort(weights)
     share = np.sqrt(weights[order] / max(weights.max(), 1e-12))
     colours = [to_rgba(INK, 0.08 + 0.6 * part) for part in share]
-    axes.add_collection(LineCollection(list(paths[order]), linewidths=0.6, colors=colours, zorder=3), autolim=False)
+    axes.add_collection(
+        LineCollection(list(paths[order]), linewidths=0.6, colors=colours, zorder=3), autolim=False
+    )
 
 
 def _explain(figure: Figure, handles: list[Any], labels: list[str], samples: Any) -> None:

@@ -16,37 +16,62 @@ from ..cell_results import Found
 from .style import GREEN, INK
 
 SIGMAS = 2.0  # how far belief ellipses reach
-LIGHT = LinearSegmentedColormap.from_list("light", ["#FFFFFF", "#8C8C8C"])  # thin lines stay visible on its dark end
+LIGHT = LinearSegmentedColormap.from_list(
+    "light", ["#FFFFFF", "#8C8C8C"]
+)  # thin lines stay visible on its dark end
 
-SIDE_BY_SIDE: Any = {tuple: HandlerTuple(ndivide=None, pad=0.2)}  # a legend entry for several methods
+SIDE_BY_SIDE: Any = {
+    tuple: HandlerTuple(ndivide=None, pad=0.2)
+}  # a legend entry for several methods
 
 
 def draw_scene(
-    axes: Axes, scene: dict[str, Any], *, size: float = 1.0, cmap: str | Colormap = "Greys", top: float | None = None
+    axes: Axes,
+    scene: dict[str, Any],
+    *,
+    size: float = 1.0,
+    cmap: str | Colormap = "Greys",
+    top: float | None = None,
 ) -> QuadMesh:
     """Shading from 0 to `top` metres, obstacles, start and goal; the shading, for its colour bar."""
-    noise, edge = scene["noise"], {"facecolor": "white", "edgecolor": INK, "lw": 1.2 * size, "hatch": "////"}
+    noise, edge = (
+        scene["noise"],
+        {"facecolor": "white", "edgecolor": INK, "lw": 1.2 * size, "hatch": "////"},
+    )
     for center in scene["obstacles"]:
         axes.add_patch(Circle(center, scene["radius"], zorder=2, **edge))
     for marker in ends(size):
-        points = scene.get("starts", [scene["start"]]) if marker.get_marker() == "o" else [scene["goal"]]
+        points = (
+            scene.get("starts", [scene["start"]]) if marker.get_marker() == "o" else [scene["goal"]]
+        )
         marker.set_data([point[0] for point in points], [point[1] for point in points])
         axes.add_line(marker)
     axes.set_aspect("equal")
     levels = np.asarray(noise["level"])
-    return axes.pcolormesh(noise["x"], noise["y"], levels, cmap=cmap, vmin=0, vmax=top, shading="gouraud", zorder=0)
+    return axes.pcolormesh(
+        noise["x"], noise["y"], levels, cmap=cmap, vmin=0, vmax=top, shading="gouraud", zorder=0
+    )
 
 
 def ends(size: float = 1.0) -> list[Line2D]:
     """The marks of start and goal."""
-    start = Line2D([], [], marker="o", color="white", mec=INK, mew=size, ms=7 * size, ls="none", zorder=5)
-    return [start, Line2D([], [], marker="*", color=GREEN, mec=INK, mew=size, ms=13 * size, ls="none", zorder=5)]
+    start = Line2D(
+        [], [], marker="o", color="white", mec=INK, mew=size, ms=7 * size, ls="none", zorder=5
+    )
+    return [
+        start,
+        Line2D(
+            [], [], marker="*", color=GREEN, mec=INK, mew=size, ms=13 * size, ls="none", zorder=5
+        ),
+    ]
 
 
 def ellipse(mean: np.ndarray, cov: np.ndarray, **look: Any) -> Ellipse:
     """Where `SIGMAS` standard deviations of a belief's position reach; mean (n,) and cov (n, n), positions first."""
     size, angle = spread(cov)
-    return Ellipse((float(mean[0]), float(mean[1])), float(size[0]), float(size[1]), angle=angle, **look)
+    return Ellipse(
+        (float(mean[0]), float(mean[1])), float(size[0]), float(size[1]), angle=angle, **look
+    )
 
 
 def spread(cov: np.ndarray) -> tuple[np.ndarray, float]:
@@ -81,14 +106,20 @@ def around(boxes: Sequence[np.ndarray]) -> np.ndarray:
 def darkest(scene: dict[str, Any], corners: np.ndarray) -> float:
     """The greatest sigma_o on the grid within the corners, in metres."""
     x, y, level = (np.asarray(scene["noise"][name]) for name in ("x", "y", "level"))
-    inside = np.ix_((y >= corners[0, 1]) & (y <= corners[1, 1]), (x >= corners[0, 0]) & (x <= corners[1, 0]))
+    inside = np.ix_(
+        (y >= corners[0, 1]) & (y <= corners[1, 1]), (x >= corners[0, 0]) & (x <= corners[1, 0])
+    )
     return float(level[inside].max() if level[inside].size else level.max())
 
 
 def kept_in_plane(found: Found) -> tuple[dict[str, Any], pd.DataFrame] | None:
     """The scene of a cell and the paths of its good trials, None where there are none or positions are no plane."""
     paths = found.paths[found.paths["trial"].isin(found.good["trial"])]
-    return None if paths.empty or found.scene is None or "noise" not in found.scene else (found.scene, paths)
+    return (
+        None
+        if paths.empty or found.scene is None or "noise" not in found.scene
+        else (found.scene, paths)
+    )
 
 
 def shown_trial(found: Found, paths: pd.DataFrame) -> int:
@@ -100,5 +131,7 @@ def shown_trial(found: Found, paths: pd.DataFrame) -> int:
 
 def stacked(steps: pd.DataFrame) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Positions (T + 1, 2), belief means (T + 1, n) and covariances (T + 1, n, n) of one trial's steps."""
-    state, mean, cov = (np.stack(list(steps[name])).astype(float) for name in ("state", "mean", "cov"))
+    state, mean, cov = (
+        np.stack(list(steps[name])).astype(float) for name in ("state", "mean", "cov")
+    )
     return state[:, :2], mean, cov.reshape(len(mean), mean.shape[1], mean.shape[1])

@@ -40,12 +40,20 @@ def step_time(found: Found) -> Estimate:
     return Estimate(median, times[low], times[high]) if low >= 0 else NOTHING._replace(value=median)
 
 
-def draw(axes: Axes, x: Sequence[float], estimates: Sequence[Estimate], look: Look, **more: Any) -> None:
+def draw(
+    axes: Axes, x: Sequence[float], estimates: Sequence[Estimate], look: Look, **more: Any
+) -> None:
     """Points at x with their intervals; those without a value are left out, those without an interval have no bar."""
     value, low, high = np.array(estimates, dtype=float).reshape(-1, 3).T
     there = np.isfinite(value)
     bars = np.maximum([value - low, high - value], 0)[:, there]
-    style = {"color": look.colour, "marker": look.marker, "ls": look.line, "elinewidth": 0.8, "capsize": 1.5} | more
+    style = {
+        "color": look.colour,
+        "marker": look.marker,
+        "ls": look.line,
+        "elinewidth": 0.8,
+        "capsize": 1.5,
+    } | more
     axes.errorbar(np.asarray(x, dtype=float)[there], value[there], yerr=bars, capthick=0.8, **style)
 
 

@@ -26,24 +26,43 @@ def proposals_figure(founds: Sequence[Found]) -> Figure | None:
         figure = Figure(figsize=(2 * COLUMN, 2.5), layout="constrained")
         panels = figure.subplots(1, 2)
         for method in sorted({found.method for found in there}, key=place):
-            for proposal, more in {"laplace": {"ls": "-"}, "nominal": {"ls": ":", "mfc": "white"}}.items():
-                cells = [one for one in there if (one.method, one.labels[KEY]) == (method, proposal)]
+            for proposal, more in {
+                "laplace": {"ls": "-"},
+                "nominal": {"ls": ":", "mfc": "white"},
+            }.items():
+                cells = [
+                    one for one in there if (one.method, one.labels[KEY]) == (method, proposal)
+                ]
                 cells.sort(key=lambda one: one.samples or 0)
                 times = [step_time(one).value for one in cells]
                 for axes, column in zip(panels, ("cost", "ess"), strict=True):
                     label = f"{NAMES.get(method, method)}, {proposal}"
-                    draw(axes, times, [mean_of(column)(one) for one in cells], look(method), label=label, **more)
+                    draw(
+                        axes,
+                        times,
+                        [mean_of(column)(one) for one in cells],
+                        look(method),
+                        label=label,
+                        **more,
+                    )
                 for time, one in zip(times, cells, strict=True):
                     at, below = (time, mean_of("cost")(one).value), proposal == "laplace"
                     panels[0].annotate(
-                        str(one.samples), at, (0, -9 if below else 4), textcoords="offset points", size=6, ha="center"
+                        str(one.samples),
+                        at,
+                        (0, -9 if below else 4),
+                        textcoords="offset points",
+                        size=6,
+                        ha="center",
                     )
         panels[0].set(xscale="log", yscale="log", ylabel="cost", xlabel="ms per step")
         panels[0].yaxis.set_major_locator(LogLocator(subs=(1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0)))
         panels[0].yaxis.set_major_formatter("{x:g}")
         panels[0].yaxis.set_minor_formatter(NullFormatter())
         panels[0].margins(y=0.12)
-        panels[1].set(xscale="log", yscale="log", ylabel="effective sample size", xlabel="ms per step")
+        panels[1].set(
+            xscale="log", yscale="log", ylabel="effective sample size", xlabel="ms per step"
+        )
         for axes in panels:
             axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
             axes.xaxis.set_major_formatter("{x:g}")

@@ -32,21 +32,41 @@ def quality_figure(founds: Sequence[Found]) -> Figure | None:
         for row, estimate in zip(panels, (mean_of("cost"), collision_rate), strict=True):
             for index, (method, cells) in enumerate(methods.items()):
                 times = [step_time(found).value for found in cells]
-                paths = dodge([found.samples or math.nan for found in cells], index, len(methods), ratio=1.06)
+                paths = dodge(
+                    [found.samples or math.nan for found in cells], index, len(methods), ratio=1.06
+                )
                 _line(row[0], times, cells, estimate, label=_title(method, cells))
                 _line(row[1], paths, cells, estimate)
-                _name_points(row[0], times, [estimate(found).value for found in cells], cells, above=index == 0)
+                _name_points(
+                    row[0],
+                    times,
+                    [estimate(found).value for found in cells],
+                    cells,
+                    above=index == 0,
+                )
         _axes(panels)
-        figure.legend(*panels[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
+        figure.legend(
+            *panels[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=4
+        )
         return figure
 
 
 def _line(
-    axes: Axes, x: Sequence[float], cells: Sequence[Found], estimate: Callable[[Found], Estimate], label: str = ""
+    axes: Axes,
+    x: Sequence[float],
+    cells: Sequence[Found],
+    estimate: Callable[[Found], Estimate],
+    label: str = "",
 ) -> None:
     """The cells of one method that have an x."""
     there = [(at, estimate(found)) for at, found in zip(x, cells, strict=True) if math.isfinite(at)]
-    draw(axes, [at for at, _ in there], [value for _, value in there], look(cells[0].method), label=label)
+    draw(
+        axes,
+        [at for at, _ in there],
+        [value for _, value in there],
+        look(cells[0].method),
+        label=label,
+    )
 
 
 def _title(method: str, cells: Sequence[Found]) -> str:
@@ -55,13 +75,26 @@ def _title(method: str, cells: Sequence[Found]) -> str:
     return ": ".join([NAMES.get(method, method), *([", ".join(keys)] if keys else [])])
 
 
-def _name_points(axes: Axes, x: Sequence[float], y: Sequence[float], cells: Sequence[Found], *, above: bool) -> None:
+def _name_points(
+    axes: Axes, x: Sequence[float], y: Sequence[float], cells: Sequence[Found], *, above: bool
+) -> None:
     """The values of what tells the cells of one method apart, beside their points."""
-    style: Any = {"color": look(cells[0].method).colour, "fontsize": 7, "va": "center", "zorder": 1}  # below the data
+    style: Any = {
+        "color": look(cells[0].method).colour,
+        "fontsize": 7,
+        "va": "center",
+        "zorder": 1,
+    }  # below the data
     for at, value, setting in zip(x, y, differing(cells), strict=True):
         if math.isfinite(at) and math.isfinite(value):
             offset = (4, 6 if above else -6)  # points
-            axes.annotate(", ".join(setting.values()), (at, value), offset, textcoords="offset points", **style)
+            axes.annotate(
+                ", ".join(setting.values()),
+                (at, value),
+                offset,
+                textcoords="offset points",
+                **style,
+            )
 
 
 def _axes(panels: np.ndarray) -> None:

@@ -37,25 +37,48 @@ def sensing_figure(chosen: Sequence[Found], limited: Sequence[Found]) -> Figure 
 
 def _over_time(axes: Axes, kept: Sequence[Found]) -> None:
     for found in kept:
-        scene, paths = found.scene or {}, found.paths[found.paths["trial"].isin(found.good["trial"])]
-        place = paths.assign(place=[state[0] for state in paths["state"]]).groupby("step")["place"].mean()
+        scene, paths = (
+            found.scene or {},
+            found.paths[found.paths["trial"].isin(found.good["trial"])],
+        )
+        place = (
+            paths.assign(place=[state[0] for state in paths["state"]])
+            .groupby("step")["place"]
+            .mean()
+        )
         selector = found.cell.config["system"]["selector"]
         style: Any = {"color": look(found.method).colour, "ls": STYLES[selector]}
-        axes.plot(place.index * scene["dt"], place, label=f"{found.name}, {SENSORS[selector]}", **style)
+        axes.plot(
+            place.index * scene["dt"], place, label=f"{found.name}, {SENSORS[selector]}", **style
+        )
         axes.axhline(scene["goal"][0], color=GREY, lw=0.6, ls="--")
-    axes.set(title="(a) mean of the kept trials, goal dashed", xlabel="time (s)", ylabel="$p_x$ (m)")
+    axes.set(
+        title="(a) mean of the kept trials, goal dashed", xlabel="time (s)", ylabel="$p_x$ (m)"
+    )
 
 
 def _over_limit(axes: Axes, chosen: Sequence[Found], limited: Sequence[Found]) -> None:
     places = np.arange(len(limited))
     method = look("algorithm_1")
-    draw(axes, list(places), [mean_of("cost")(found) for found in limited], method, color=method.colour)
+    draw(
+        axes,
+        list(places),
+        [mean_of("cost")(found) for found in limited],
+        method,
+        color=method.colour,
+    )
     for found in chosen:
-        if found.method == "algorithm_1" and found.cell.config["system"]["selector"] == "fixed" and len(found.good):
+        if (
+            found.method == "algorithm_1"
+            and found.cell.config["system"]["selector"] == "fixed"
+            and len(found.good)
+        ):
             axes.axhline(mean_of("cost")(found).value, color=INK, lw=0.8, ls=STYLES["fixed"])
     limits = [found.cell.config["system"]["limit"] for found in limited]
     axes.xaxis.set_major_locator(FixedLocator(list(places)))
-    axes.xaxis.set_major_formatter(FixedFormatter(["none" if limit is None else f"{limit:g}" for limit in limits]))
+    axes.xaxis.set_major_formatter(
+        FixedFormatter(["none" if limit is None else f"{limit:g}" for limit in limits])
+    )
     axes.xaxis.set_minor_locator(NullLocator())
     title = "(b) Algorithm 1; dotted: the fixed sensor"
     axes.set(title=title, xlabel="largest signal-to-noise ratio of the sensor", ylabel="cost")

@@ -16,7 +16,12 @@ BLUE, ORANGE, GREEN, INK, GREY = "#0072B2", "#D55E00", "#009E73", "#222222", "#7
 COLUMN = 3.5  # inches, the column of a two-column paper
 DPI = 200
 
-SCREEN: Any = {"font.size": 9, "axes.spines.top": False, "axes.spines.right": False, "legend.frameon": False}
+SCREEN: Any = {
+    "font.size": 9,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "legend.frameon": False,
+}
 STYLE: Any = {
     **SCREEN,
     "font.size": 7.5,

@@ -37,7 +37,13 @@ def figure_2(founds: Sequence[Found]) -> Figure | None:
         for axes, estimate in zip(panels, (collision_rate, mean_of("cost")), strict=True):
             for index, (method, cells) in enumerate(lines.items()):
                 x = dodge([found.labels["w_obs"] for found in cells], index, len(lines))
-                draw(axes, x, [estimate(found) for found in cells], look(method), label=NAMES.get(method, method))
+                draw(
+                    axes,
+                    x,
+                    [estimate(found) for found in cells],
+                    look(method),
+                    label=NAMES.get(method, method),
+                )
         panels[0].set(xscale="log", ylabel="trials that collide (%)", title="(a)")
         panels[1].set(ylabel="base cost", xlabel=r"obstacle weight $w_\mathrm{obs}$", title="(b)")
         handles, labels = panels[1].get_legend_handles_labels()
@@ -65,12 +71,20 @@ def theta_figure(founds: Sequence[Found]) -> Figure | None:
         for axes, (title, estimate) in zip(panels, quantities.items(), strict=True):
             for method, cells in lines.items():
                 theta = [found.labels["theta"] for found in cells]
-                draw(axes, theta, [estimate(found) for found in cells], look(method), label=NAMES.get(method, method))
+                draw(
+                    axes,
+                    theta,
+                    [estimate(found) for found in cells],
+                    look(method),
+                    label=NAMES.get(method, method),
+                )
             axes.set(title=title, xlabel=r"$\theta$")
             axes.xaxis.set_major_locator(MaxNLocator(6, integer=True))
         methods = panels[0].get_legend_handles_labels()
         paper = _published_theta(panels)
-        figure.legend([*methods[0], paper], [*methods[1], "paper"], loc="outside lower center", ncols=4)
+        figure.legend(
+            [*methods[0], paper], [*methods[1], "paper"], loc="outside lower center", ncols=4
+        )
         return figure
 
 
@@ -90,7 +104,11 @@ def _published_rates(axes: Axes) -> None:
 
 def _published_theta(panels: Sequence[Axes]) -> Line2D:
     """Draw what the text says, None where it says nothing; the mark, for the legend."""
-    rates = [(theta, 100 * low, 100 * high) for theta, row in published.THETA.items() for low, high in [row[0]]]
+    rates = [
+        (theta, 100 * low, 100 * high)
+        for theta, row in published.THETA.items()
+        for low, high in [row[0]]
+    ]
     theta, lows, highs = (list(column) for column in zip(*rates, strict=True))
     middles = [(low + high) / 2 for low, high in zip(lows, highs, strict=True)]
     panels[0].vlines(theta, lows, highs, color=GREY, lw=0.8)

@@ -47,7 +47,11 @@ def _draw(axes: Axes, panel: Panel) -> None:
     dashed = [line for line in panel.lines if line.look == "dashed"]
     for index, line in enumerate(panel.lines):
         _curve(axes, line, COLOURS[index % len(COLOURS)], second=line in dashed[1:])
-    axes.set(title=fill(panel.title, TITLE_WIDTH), xlabel=fill(panel.x, LABEL_WIDTH), ylabel=fill(panel.y, LABEL_WIDTH))
+    axes.set(
+        title=fill(panel.title, TITLE_WIDTH),
+        xlabel=fill(panel.x, LABEL_WIDTH),
+        ylabel=fill(panel.y, LABEL_WIDTH),
+    )
     if "x" in panel.log:
         axes.set_xscale("log")
         _decades(axes.xaxis, axes.get_xlim())

@@ -34,7 +34,11 @@ from .style import BLUE, COLUMN, GREEN, INK, ORANGE, SCREEN, STYLE, look, place
 NAME = "trajectories.png"
 EVERY = 6  # steps from one belief ellipse to the next
 SMALL = 0.5  # marks and edges of Fig. 1 against those of the larger pictures
-STRONG: Any = {"lw": 1.0, "zorder": 4.5, "path_effects": [withStroke(linewidth=1.8, foreground=INK)]}
+STRONG: Any = {
+    "lw": 1.0,
+    "zorder": 4.5,
+    "path_effects": [withStroke(linewidth=1.8, foreground=INK)],
+}
 
 
 class Run(NamedTuple):
@@ -46,7 +50,9 @@ class Run(NamedTuple):
     title: str
 
 
-def trajectories(paths: pd.DataFrame, scene: dict[str, Any], collided: set[int], title: str) -> Figure:
+def trajectories(
+    paths: pd.DataFrame, scene: dict[str, Any], collided: set[int], title: str
+) -> Figure:
     """True paths in the plane over sigma_o, as Fig. 1; for one-dimensional positions, over time."""
     with mpl.rc_context(SCREEN):
         if len(scene["start"]) == 2:
@@ -75,7 +81,10 @@ def figure_1(founds: Sequence[Found]) -> Figure | None:
     rows = -(-len(cells) // columns)
     (width, height), across = corners[1] - corners[0], (COLUMN - 0.35) / columns
     with mpl.rc_context(STYLE):
-        size = (COLUMN, 1.08 + 0.2 * (len(cells) % columns) + rows * (0.2 + across * height / width))
+        size = (
+            COLUMN,
+            1.08 + 0.2 * (len(cells) % columns) + rows * (0.2 + across * height / width),
+        )
         figure = Figure(figsize=size, layout="compressed")
         panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
         top = max(darkest(scene, corners) for _, scene, _ in cells)
@@ -84,7 +93,13 @@ def figure_1(founds: Sequence[Found]) -> Figure | None:
             shading = draw_scene(axes, scene, size=SMALL, cmap=LIGHT, top=top)
         _finish(figure, panels, len(cells), corners)
         figure.colorbar(
-            shading, ax=panels, label=r"$\sigma_o$ (m)", location="bottom", aspect=40, fraction=0.05, pad=0.01
+            shading,
+            ax=panels,
+            label=r"$\sigma_o$ (m)",
+            location="bottom",
+            aspect=40,
+            fraction=0.05,
+            pad=0.01,
         )
         _explain(figure, [found.method for found, _, _ in cells])
         return figure
@@ -96,7 +111,9 @@ def _method_panel(axes: Axes, found: Found, paths: pd.DataFrame) -> None:
     for trial, steps in paths.groupby("trial"):
         position, mean, cov = stacked(steps)
         hit, strong = trial in collided, trial == chosen
-        style: Any = STRONG if strong else {"lw": 0.5, "alpha": 0.7 if hit else 0.45, "zorder": 3 + hit}
+        style: Any = (
+            STRONG if strong else {"lw": 0.5, "alpha": 0.7 if hit else 0.45, "zorder": 3 + hit}
+        )
         axes.plot(*position.T, color=ORANGE if hit else colour, **style)
         if strong:
             for k in range(0, len(mean), EVERY):
@@ -123,7 +140,13 @@ def _explain(figure: Figure, methods: Sequence[str]) -> None:
     paths = tuple(Line2D([], [], color=look(method).colour) for method in dict.fromkeys(methods))
     hit = Line2D([], [], color=ORANGE)
     belief = Line2D([], [], marker="o", mfc="none", mec=INK, mew=0.5, ms=6, ls="none")
-    labels = ["start", "goal", "a trial", "a trial that collides", rf"belief of one trial (${SIGMAS:.0f}\sigma$)"]
+    labels = [
+        "start",
+        "goal",
+        "a trial",
+        "a trial that collides",
+        rf"belief of one trial (${SIGMAS:.0f}\sigma$)",
+    ]
     handles: Any = [*ends(SMALL), paths, hit, belief]
     figure.legend(
         handles,
@@ -146,7 +169,9 @@ def _planes(runs: Sequence[Run], columns: int) -> Figure:
         axes.set_xlabel("$p_x$ (m)")
     for axes in panels[:, 0]:
         axes.set_ylabel("$p_y$ (m)")
-    figure.colorbar(shading, ax=panels, label=r"$\sigma_o$ (m)", fraction=0.04, pad=0.02, shrink=0.8)
+    figure.colorbar(
+        shading, ax=panels, label=r"$\sigma_o$ (m)", fraction=0.04, pad=0.02, shrink=0.8
+    )
     figure.legend(*_legend(runs), loc="outside lower center", ncols=5)
     low, high = around([_corners(run) for run in runs]) + np.array([[-0.5], [0.5]])
     panels[0, 0].set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
@@ -159,7 +184,14 @@ def _plane(axes: Axes, run: Run) -> QuadMesh:
         state = np.stack(list(group["state"]))
         hit = trial in run.collided
         colour, order = (ORANGE, 4) if hit else (BLUE, 3)
-        axes.plot(state[:, 0], state[:, 1], color=colour, lw=0.8, alpha=0.75 if hit else 0.45, zorder=order)
+        axes.plot(
+            state[:, 0],
+            state[:, 1],
+            color=colour,
+            lw=0.8,
+            alpha=0.75 if hit else 0.45,
+            zorder=order,
+        )
     axes.set_title(run.title)
     return draw_scene(axes, run.scene)
 
@@ -176,11 +208,18 @@ def _legend(runs: Sequence[Run]) -> tuple[list[Line2D], list[str]]:
     path, hit = Line2D([], [], color=BLUE, lw=1.5), Line2D([], [], color=ORANGE, lw=1.5)
     if len(runs) > 1:
         some = any(run.collided for run in runs)
-        return [start, goal, path, *[hit] * some], ["start", "goal", "a trial", *["a trial that collides"] * some]
+        return [start, goal, path, *[hit] * some], [
+            "start",
+            "goal",
+            "a trial",
+            *["a trial that collides"] * some,
+        ]
     collided = len(runs[0].collided)
     others = f"{runs[0].paths['trial'].nunique() - collided} paths"
     handles, labels = [start, goal, path], ["start", "goal", others]
-    return ([*handles, hit], [*labels, f"{collided} that collide"]) if collided else (handles, labels)
+    return (
+        ([*handles, hit], [*labels, f"{collided} that collide"]) if collided else (handles, labels)
+    )
 
 
 def _over_time(paths: pd.DataFrame, scene: dict[str, Any], title: str) -> Figure:
@@ -189,7 +228,12 @@ def _over_time(paths: pd.DataFrame, scene: dict[str, Any], title: str) -> Figure
     for index, (_, group) in enumerate(paths.groupby("trial")):
         position = [state[0] for state in group["state"]]
         axes.plot(
-            group["step"] * scene["dt"], position, color=BLUE, lw=0.8, alpha=0.45, label="paths" if not index else None
+            group["step"] * scene["dt"],
+            position,
+            color=BLUE,
+            lw=0.8,
+            alpha=0.45,
+            label="paths" if not index else None,
         )
     axes.axhline(scene["goal"][0], color=GREEN, lw=1.5, ls="--", label="goal")
     axes.set(xlabel="time (s)", ylabel="position", title=title)

@@ -15,9 +15,15 @@ from ..summary import interval
 def sensing(founds: list[Found], folder: Path) -> Section:
     """The section of the study `controlled_sensing`."""
     limited = [one for one in founds if one.method == "algorithm_1" and selector(one) == "matched"]
-    limited = sorted(limited, key=lambda one: math.inf if limit(one) is None else float(limit(one) or 0))
+    limited = sorted(
+        limited, key=lambda one: math.inf if limit(one) is None else float(limit(one) or 0)
+    )
     chosen = [one for one in founds if limit(one) is None]
-    tables = [table(folder, "controlled_sensing", "By method, sensor and its limit", lines(founds), founds)]
+    tables = [
+        table(
+            folder, "controlled_sensing", "By method, sensor and its limit", lines(founds), founds
+        )
+    ]
     alt = "Mean position over time by method and sensor; cost of Algorithm 1 over the limit of the sensor"
     return Section(
         "Matching by choosing what is sensed",

@@ -15,13 +15,17 @@ SHOWN = ("belief_joint", "belief", "ce", "ilqg")
 def information(founds: list[Found], folder: Path) -> Section:
     """The table of all methods, differences trial by trial, paths in the plane."""
     said = [
-        f"{one.name} costs {cost(one)} and collides in {rate(one)} of its trials." for one in founds if len(one.good)
+        f"{one.name} costs {cost(one)} and collides in {rate(one)} of its trials."
+        for one in founds
+        if len(one.good)
     ]
     tables = [table(folder, "information", "Every method", lines(founds), founds)]
     if len(pairs := differences(founds, "belief_joint")):
         title = "A covariance for every path against each method, trial by trial"
         tables.append(table(folder, "information_differences", title, pairs))
-    alt = "Paths in the plane: who goes to the light first, who goes through the gap blind, who waits"
+    alt = (
+        "Paths in the plane: who goes to the light first, who goes through the gap blind, who waits"
+    )
     return Section(
         "Beyond the paper: look before you go",
         [
@@ -32,7 +36,12 @@ def information(founds: list[Found], folder: Path) -> Section:
             " ".join(said),
         ],
         tables,
-        picture(folder, "information", figures.compare(shown) if (shown := panels(founds)) else None, alt),
+        picture(
+            folder,
+            "information",
+            figures.compare(shown) if (shown := panels(founds)) else None,
+            alt,
+        ),
     )
 
 

@@ -13,7 +13,14 @@ from ..cell_results import Found, paired
 from ..elements import picture, rate
 from ..files import write_frame
 from ..page import Section, Table
-from ..statistics import NOTHING, Estimate, chi_square_band, mean_interval, paired_mean_difference, proportion_interval
+from ..statistics import (
+    NOTHING,
+    Estimate,
+    chi_square_band,
+    mean_interval,
+    paired_mean_difference,
+    proportion_interval,
+)
 from ..summary import interval
 
 RARE = 1e-3  # of the trials of a consistent filter, at most, have a NEES as large as that of a lost one
@@ -73,7 +80,9 @@ def consistency(founds: list[Found], folder: Path) -> Section:
 
 def points(founds: Sequence[Found]) -> list[Point]:
     """The cells that have a filter's controller and a curvature, by system, filter and curvature."""
-    oracles = {_name(one, "system"): one for one in founds if one.method == "oracle" and len(one.good)}
+    oracles = {
+        _name(one, "system"): one for one in founds if one.method == "oracle" and len(one.good)
+    }
     there = [one for one in founds if one.method != "oracle" and len(one.good)]
     made = [_point(one, oracles.get(_name(one, "system"))) for one in there]
     return sorted(made, key=lambda point: (point.system, point.filter, point.curvature))
@@ -122,10 +131,16 @@ def verdicts(shown: Sequence[Point]) -> list[str]:
     text = []
     for system, filter in dict.fromkeys((point.system, point.filter) for point in shown):
         cells = [point for point in shown if (point.system, point.filter) == (system, filter)]
-        broken = [f"{point.curvature:g} (NEES {interval(point.nees, 2)})" for point in cells if not point.consistent]
+        broken = [
+            f"{point.curvature:g} (NEES {interval(point.nees, 2)})"
+            for point in cells
+            if not point.consistent
+        ]
         told = f"not at curvature {', '.join(broken)}" if broken else "at every curvature"
         losses = ", ".join(f"{interval(point.loss, 2)} at {point.curvature:g}" for point in cells)
-        text.append(f"{system}, {FILTERS.get(filter, filter)}: consistent {told}. Loss against the oracle: {losses}.")
+        text.append(
+            f"{system}, {FILTERS.get(filter, filter)}: consistent {told}. Loss against the oracle: {losses}."
+        )
     return text
 
 
@@ -155,7 +170,9 @@ def _span(band: Estimate) -> str:
 
 def _numbers(point: Point) -> dict[str, Any]:
     """The same for a machine."""
-    line: dict[str, Any] = {name: getattr(point, name) for name in ("system", "filter", "curvature", "residual")}
+    line: dict[str, Any] = {
+        name: getattr(point, name) for name in ("system", "filter", "curvature", "residual")
+    }
     estimates = {"nees": point.nees, "nis": point.nis, "lost": point.lost, "loss": point.loss}
     estimates |= {"nees_band": point.bands[0], "nis_band": point.bands[1]}
     for name, value in estimates.items():

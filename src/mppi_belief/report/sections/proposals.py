@@ -28,17 +28,28 @@ def proposals(founds: list[Found], folder: Path) -> Section:
             "weights for it; one path in five stays about the nominal. For many samples both give the same control.",
             " ".join([*_gains(founds), *_fewest(usual)]),
         ],
-        [table(folder, "proposals", "Every planner, proposal and number of samples", frame, founds)],
+        [
+            table(
+                folder, "proposals", "Every planner, proposal and number of samples", frame, founds
+            )
+        ],
         picture(folder, "proposals", figures.proposals_figure(usual), alt),
     )
 
 
 def twins(founds: Sequence[Found]) -> Iterator[tuple[Found, Found]]:
     """The cells that differ in nothing but the proposal: nominal, Laplace."""
-    told = [(one, {name: plain(value) for name, value in one.labels.items() if name != KEY}) for one in founds]
+    told = [
+        (one, {name: plain(value) for name, value in one.labels.items() if name != KEY})
+        for one in founds
+    ]
     for one, labels in told:
         if one.labels.get(KEY) == "nominal":
-            yield from ((one, other) for other, also in told if other.labels.get(KEY) == "laplace" and also == labels)
+            yield from (
+                (one, other)
+                for other, also in told
+                if other.labels.get(KEY) == "laplace" and also == labels
+            )
 
 
 def saved(founds: Sequence[Found], method: str) -> tuple[Found, Found, Estimate] | None:
@@ -64,11 +75,15 @@ def _scenario(found: Found) -> tuple[str, str]:
 
 def _gains(founds: Sequence[Found]) -> list[str]:
     """What the proposal does to the effective sample size, over all pairs of cells."""
-    sizes = [(summary(one.rows, None).ess, summary(other.rows, None).ess) for one, other in twins(founds)]
+    sizes = [
+        (summary(one.rows, None).ess, summary(other.rows, None).ess) for one, other in twins(founds)
+    ]
     ratios = [guided / before for before, guided in sizes if before > 0 and math.isfinite(guided)]
     if not ratios:
         return []
-    return [f"The effective sample size is {min(ratios):.2g} to {max(ratios):.2g} times that about the nominal."]
+    return [
+        f"The effective sample size is {min(ratios):.2g} to {max(ratios):.2g} times that about the nominal."
+    ]
 
 
 def _fewest(founds: Sequence[Found]) -> list[str]:
@@ -86,9 +101,17 @@ def _fewest(founds: Sequence[Found]) -> list[str]:
 
 def _times(one: Found, most: Found) -> str:
     quick, slow = (summary(found.rows, found.seconds).time for found in (one, most))
-    return f", in {quick:.2f} ms a step for {slow:.2f}" if math.isfinite(quick) and math.isfinite(slow) else ""
+    return (
+        f", in {quick:.2f} ms a step for {slow:.2f}"
+        if math.isfinite(quick) and math.isfinite(slow)
+        else ""
+    )
 
 
 def _rate(found: Found) -> str:
     told = summary(found.rows, found.seconds)
-    return f"{told.ess / told.time:.0f}" if math.isfinite(told.ess) and math.isfinite(told.time) else "-"
+    return (
+        f"{told.ess / told.time:.0f}"
+        if math.isfinite(told.ess) and math.isfinite(told.time)
+        else "-"
+    )

@@ -45,7 +45,11 @@ class Seen(NamedTuple):
 def published_problem(name: str, founds: list[Found], folder: Path) -> Section:
     """The table of all methods, differences trial by trial, paths in the plane."""
     source, text = SOURCES[name]
-    said = [f"{one.name} costs {cost(one)} and ends {_away(one)} m off." for one in founds if len(one.good)]
+    said = [
+        f"{one.name} costs {cost(one)} and ends {_away(one)} m off."
+        for one in founds
+        if len(one.good)
+    ]
     tables = [table(folder, name, "Every method", lines(founds), founds)]
     if len(pairs := differences(founds, "belief_joint")):
         pairs = pairs[["Difference", "Pairs", "Cost [95 %]"]]
@@ -54,7 +58,11 @@ def published_problem(name: str, founds: list[Found], folder: Path) -> Section:
     alt = "Paths in the plane: who goes to the light before the goal, and who does not"
     return Section(
         f"Beyond the paper: the light-dark domain of {source}",
-        [text, " ".join(said), f"In the light: the mean of the belief comes within {NEAR:g} m of it; kept trials."],
+        [
+            text,
+            " ".join(said),
+            f"In the light: the mean of the belief comes within {NEAR:g} m of it; kept trials.",
+        ],
         tables,
         picture(folder, name, figures.compare(shown) if (shown := panels(founds)) else None, alt),
     )
@@ -93,7 +101,13 @@ def seen(found: Found) -> Seen:
     for _, steps in paths.groupby("trial"):
         mean, last = np.stack(list(steps["mean"])), np.asarray(steps["cov"].iloc[-1])
         variances = last.reshape(mean.shape[1], -1).diagonal()
-        made.append((mean[:, 0].max(), np.abs(mean[:, 0] - light).min() <= NEAR, np.sqrt(np.mean(variances))))
+        made.append(
+            (
+                mean[:, 0].max(),
+                np.abs(mean[:, 0] - light).min() <= NEAR,
+                np.sqrt(np.mean(variances)),
+            )
+        )
     furthest, lit, spread = zip(*made, strict=True) if made else ((), (), ())
     return Seen(np.array(furthest), np.array(lit, dtype=bool), np.array(spread))
 

@@ -16,7 +16,17 @@ from ..statistics import Estimate, paired_mean_difference, paired_rate_differenc
 from ..summary import interval, summarise, summary
 
 ABOVE = "above best [95 %]"
-SHOWN = ("method", "setting", "samples", "ms/step (p95)", "cost [95 %]", ABOVE, "collided % [95 %]", "ESS", "trials")
+SHOWN = (
+    "method",
+    "setting",
+    "samples",
+    "ms/step (p95)",
+    "cost [95 %]",
+    ABOVE,
+    "collided % [95 %]",
+    "ESS",
+    "trials",
+)
 ENOUGH = 0.05  # of the least cost; a choice
 
 
@@ -32,9 +42,21 @@ def quality(founds: list[Found], folder: Path) -> Section:
             f"One is good enough here if it costs for certain less than {100 * ENOUGH:g} % more than the best: "
             "where the 95 % interval of the difference ends below that."
             f"{_real_time(founds)}",
-            *(f"{advice(cells)}. {collisions(cells)}." for cells in methods if any(len(one.good) for one in cells)),
+            *(
+                f"{advice(cells)}. {collisions(cells)}."
+                for cells in methods
+                if any(len(one.good) for one in cells)
+            ),
         ],
-        [table(folder, "quality_per_time", "Every setting of every method", lines(methods), [*chain(*methods)])],
+        [
+            table(
+                folder,
+                "quality_per_time",
+                "Every setting of every method",
+                lines(methods),
+                [*chain(*methods)],
+            )
+        ],
         picture(folder, "quality_per_time", figures.quality_figure(founds), alt),
     )
 
@@ -45,7 +67,9 @@ def lines(methods: Sequence[Sequence[Found]]) -> pd.DataFrame:
     for cells in methods:
         best = _best(cells)
         for found, setting in zip(cells, settings(cells), strict=True):
-            line = summarise(found.rows, {"method": found.name, "setting": setting or "-"}, found.seconds)
+            line = summarise(
+                found.rows, {"method": found.name, "setting": setting or "-"}, found.seconds
+            )
             line["samples"] = str(found.samples or "-")
             line[ABOVE] = "-" if found is best else interval(_above(found, best), 2)
             text.append({name: line.get(name, "-") for name in SHOWN})
@@ -54,7 +78,10 @@ def lines(methods: Sequence[Sequence[Found]]) -> pd.DataFrame:
 
 def settings(cells: Sequence[Found]) -> list[str]:
     """What tells the cells of one method apart, as a command line says it."""
-    return [" ".join(f"{name}={value}" for name, value in one.items() if value != "-") for one in differing(cells)]
+    return [
+        " ".join(f"{name}={value}" for name, value in one.items() if value != "-")
+        for one in differing(cells)
+    ]
 
 
 def advice(cells: Sequence[Found]) -> str:
@@ -62,15 +89,24 @@ def advice(cells: Sequence[Found]) -> str:
 
     A setting of which more trials failed than of another is never recommended.
     """
-    told = {found.cell.id: _told(found, setting) for found, setting in zip(cells, settings(cells), strict=True)}
+    told = {
+        found.cell.id: _told(found, setting)
+        for found, setting in zip(cells, settings(cells), strict=True)
+    }
     cells = _sound(cells)
     best = _best(cells)
     bound = ENOUGH * summary(best.rows, None).cost.value
     if not _timed(cells):
         return f"{best.name}: the best is {told[best.cell.id]}, and not all settings were timed"
-    quickest = next(found for found in _by_time(cells) if found is best or _above(found, best).high <= bound)
+    quickest = next(
+        found for found in _by_time(cells) if found is best or _above(found, best).high <= bound
+    )
     if quickest is best:
-        lead = "no setting quicker than the best is shown to be good enough: " if len(cells) > 1 else ""
+        lead = (
+            "no setting quicker than the best is shown to be good enough: "
+            if len(cells) > 1
+            else ""
+        )
         return f"{best.name}: {lead}{told[best.cell.id]}"
     more, chosen = interval(_above(quickest, best), 2), told[quickest.cell.id]
     return f"{best.name}: the quickest that is good enough is {chosen}, {more} above the best, {told[best.cell.id]}"
@@ -85,7 +121,9 @@ def collisions(cells: Sequence[Found]) -> str:
     quick, slow = paired(there[0], there[-1])
     change, _ = paired_rate_difference(slow["collided"].to_numpy(), quick["collided"].to_numpy())
     low, high = min(rates).value, max(rates).value
-    ends = "the quickest setting to the slowest" if _timed(there) else "the first setting to the last"
+    ends = (
+        "the quickest setting to the slowest" if _timed(there) else "the first setting to the last"
+    )
     told = f"from {ends} they change by {interval(change.times(100), 1)} points"
     return f"Collisions: {low:.1f} to {high:.1f} %; {told}"
 
@@ -93,12 +131,19 @@ def collisions(cells: Sequence[Found]) -> str:
 def _best(cells: Sequence[Found]) -> Found:
     """The cell of least mean cost, of those that have one."""
     costs = [summary(found.rows, None).cost.value for found in cells]
-    return cells[min(range(len(cells)), key=lambda index: math.inf if math.isnan(costs[index]) else costs[index])]
+    return cells[
+        min(
+            range(len(cells)),
+            key=lambda index: math.inf if math.isnan(costs[index]) else costs[index],
+        )
+    ]
 
 
 def _sound(cells: Sequence[Found]) -> list[Found]:
     """The cells of which the smallest part of the trials failed."""
-    failed = [1 - len(found.good) / len(found.rows) if len(found.rows) else math.inf for found in cells]
+    failed = [
+        1 - len(found.good) / len(found.rows) if len(found.rows) else math.inf for found in cells
+    ]
     return [found for found, part in zip(cells, failed, strict=True) if part == min(failed)]
 
 

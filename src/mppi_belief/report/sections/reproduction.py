@@ -28,7 +28,9 @@ class Compared(NamedTuple):
     is_range: bool = False  # what the paper gives is a range, and z = 0 within
 
 
-def compare(table_1: Sequence[Found], theta: Sequence[Found], weights: Sequence[Found]) -> list[Compared]:
+def compare(
+    table_1: Sequence[Found], theta: Sequence[Found], weights: Sequence[Found]
+) -> list[Compared]:
     """Every number that Table I, the theta sweep and the obstacle-weight sweep publish."""
     return [
         *(line for found in table_1 for line in _table_1(found, summary(found.rows, None))),
@@ -44,8 +46,12 @@ def _table_1(found: Found, ours: Summary) -> Iterator[Compared]:
     z = mean_z(ours.cost.value, ours.sd, ours.good, paper.cost, paper.spread, m)
     yield Compared(FITTED, f"{found.name}, cost", f"{paper.cost}", f"{ours.cost.value:.1f}", z)
     z = spread_z(ours.sd, ours.good, paper.spread, m)
-    yield Compared(FITTED, f"{found.name}, spread of the cost", f"{paper.spread}", f"{ours.sd:.1f}", z)
-    yield _rate(FITTED, f"{found.name}, collisions %", ours, paper.collisions / m, paper.collisions / m)
+    yield Compared(
+        FITTED, f"{found.name}, spread of the cost", f"{paper.spread}", f"{ours.sd:.1f}", z
+    )
+    yield _rate(
+        FITTED, f"{found.name}, collisions %", ours, paper.collisions / m, paper.collisions / m
+    )
 
 
 def _theta(found: Found, ours: Summary) -> Iterator[Compared]:
@@ -63,7 +69,9 @@ def _theta(found: Found, ours: Summary) -> Iterator[Compared]:
         yield Compared(HELD_OUT, f"theta {theta:g}, clearance m", *texts, z)
     if paper.cost is not None:
         z = mean_z(ours.cost.value, ours.sd, ours.good, paper.cost, ours.sd, m)
-        yield Compared(fitted, f"theta {theta:g}, cost", f"{paper.cost}", f"{ours.cost.value:.1f}", z)
+        yield Compared(
+            fitted, f"theta {theta:g}, cost", f"{paper.cost}", f"{ours.cost.value:.1f}", z
+        )
 
 
 def _weight(found: Found, ours: Summary) -> Iterator[Compared]:
@@ -103,11 +111,16 @@ def as_frame(lines: Sequence[Compared], kind: str) -> pd.DataFrame:
 
 def verdict(lines: Sequence[Compared], kind: str) -> str:
     """One sentence: how many of the numbers of one kind agree, and of the ranges, and which is farthest."""
-    chosen, name = [line for line in lines if line.kind == kind and math.isfinite(line.z)], kind.replace(" ", "-")
+    chosen, name = (
+        [line for line in lines if line.kind == kind and math.isfinite(line.z)],
+        kind.replace(" ", "-"),
+    )
     if not chosen:
         return f"None of the {name} numbers has results yet."
     worst = max(chosen, key=lambda line: abs(line.z))
-    points, ranges = ([line for line in chosen if line.is_range == wanted] for wanted in (False, True))
+    points, ranges = (
+        [line for line in chosen if line.is_range == wanted] for wanted in (False, True)
+    )
     met, within = (sum(abs(line.z) <= AGREES for line in part) for part in (points, ranges))
     also = f", and {within} of {len(ranges)} ranges are met as well" if ranges else ""
     return (
@@ -119,13 +132,25 @@ def verdict(lines: Sequence[Compared], kind: str) -> str:
 def claims(table_1: Sequence[Found], weights: Sequence[Found]) -> list[str]:
     """What the paper concludes, judged on our trials: one sentence each, exceptions named."""
     found = [_is_safe(one) for one in table_1 if one.method == "belief" and len(one.good)]
-    baselines = [one for one in (*table_1, *weights) if one.method in published.BASELINES and len(one.good)]
+    baselines = [
+        one for one in (*table_1, *weights) if one.method in published.BASELINES and len(one.good)
+    ]
     if baselines:
         text = f"Every baseline collides in more than {100 * UNSAFE:g} % of its trials at every obstacle weight"
         found.append(_but(text, baselines, lambda rate: rate > UNSAFE))
-        found.append(_but("No baseline is free of collisions at any obstacle weight", baselines, lambda rate: rate > 0))
+        found.append(
+            _but(
+                "No baseline is free of collisions at any obstacle weight",
+                baselines,
+                lambda rate: rate > 0,
+            )
+        )
     heavy = min(start for start, rate in published.BELIEF_BELOW.items() if rate > 0)
-    belief = [one for one in weights if one.method == "belief" and one.labels["w_obs"] >= heavy and len(one.good)]
+    belief = [
+        one
+        for one in weights
+        if one.method == "belief" and one.labels["w_obs"] >= heavy and len(one.good)
+    ]
     if belief:
         text = f"MPPI-Belief collides in less than 1 % of its trials from w_obs = {heavy:g} on"
         found.append(_but(text, belief, lambda rate: rate < published.BELIEF_BELOW[heavy]))

@@ -25,7 +25,9 @@ Studies = dict[str, list[Found]]
 
 def sections(studies: Studies, folder: Path) -> list[Section]:
     """Every section of the report, for the studies that have results."""
-    some = {name: founds for name, founds in studies.items() if any(len(found.good) for found in founds)}
+    some = {
+        name: founds for name, founds in studies.items() if any(len(found.good) for found in founds)
+    }
     known = BUILDERS | BEYOND
     made = [builder(some[name], folder) for name, builder in known.items() if name in some]
     others = [_general(name, founds, folder) for name, founds in some.items() if name not in known]
@@ -36,16 +38,33 @@ def _table_1(founds: list[Found], folder: Path) -> Section:
     pairs = differences(founds)
     write_text(folder / "table_1.tex", as_latex(founds))
     rates = [float(one.collided.mean()) if len(one.good) else float("inf") for one in founds]
-    first = table(folder, "table_1", "Table I. Cost: mean ± standard deviation", table_1(founds), founds)
-    tables = [first._replace(bold=[(rates.index(min(rates)), list(first.frame.columns).index("Collision %"))])]
+    first = table(
+        folder, "table_1", "Table I. Cost: mean ± standard deviation", table_1(founds), founds
+    )
+    tables = [
+        first._replace(
+            bold=[(rates.index(min(rates)), list(first.frame.columns).index("Collision %"))]
+        )
+    ]
     if len(pairs):
-        tables.append(table(folder, "table_1_differences", "MPPI-Belief against each method, trial by trial", pairs))
-    alt = "Fig. 1: 50 trials of each method in the plane, the noise of the position sensor as shading"
+        tables.append(
+            table(
+                folder,
+                "table_1_differences",
+                "MPPI-Belief against each method, trial by trial",
+                pairs,
+            )
+        )
+    alt = (
+        "Fig. 1: 50 trials of each method in the plane, the noise of the position sensor as shading"
+    )
     pictures = picture(folder, "figure_1", figures.figure_1(founds), alt)
     if figures.animate(founds, folder / "animation.gif"):
         alt = "One trial of MPPI-Belief next to CE-MPPI: true path, belief ellipse, sampled paths"
         pictures.append(Picture("animation.gif", alt))
-    text = [f"{one.name} costs {cost(one)} and collides in {rate(one)} of its trials." for one in founds]
+    text = [
+        f"{one.name} costs {cost(one)} and collides in {rate(one)} of its trials." for one in founds
+    ]
     what = "Costs are those of the true state, obstacle penalties left out. Times are of the machine named below."
     return Section("Table I and Fig. 1: the four methods", [" ".join(text), what], tables, pictures)
 
@@ -82,7 +101,9 @@ def _weights(founds: list[Found], folder: Path) -> Section:
         if rates:
             text.append(f"{cells[0].name} in {min(rates):.1f} to {max(rates):.1f} %")
     low, high = (100 * end for end in published.BASELINE_RANGE)
-    alt = "Fig. 2: (a) collision rate and (b) base cost over the obstacle weight, with 95 % intervals"
+    alt = (
+        "Fig. 2: (a) collision rate and (b) base cost over the obstacle weight, with 95 % intervals"
+    )
     return Section(
         "Fig. 2: the obstacle weight",
         [
@@ -96,7 +117,9 @@ def _weights(founds: list[Found], folder: Path) -> Section:
 
 def _theta(founds: list[Found], folder: Path) -> Section:
     text = [f"{rate(one)} at theta = {one.labels['theta']:g}" for one in founds if len(one.good)]
-    alt = "Collision rate, clearance and cost over theta, with 95 % intervals and the paper's values"
+    alt = (
+        "Collision rate, clearance and cost over theta, with 95 % intervals and the paper's values"
+    )
     return Section(
         "The theta sweep",
         [f"Collisions by risk aversion: {', '.join(text)}.", "Held out of the calibration."],
@@ -108,7 +131,10 @@ def _theta(founds: list[Found], folder: Path) -> Section:
 def _expectation(founds: list[Found], folder: Path) -> Section:
     neutral = [one for one in founds if one.labels["theta"] == 0 and len(one.good)]
     how = {"exact": "expected exactly", "at_mean": "taken at the mean"}
-    text = [f"{rate(one)} with the penalty {how[one.labels['controller.expectation']]}" for one in neutral]
+    text = [
+        f"{rate(one)} with the penalty {how[one.labels['controller.expectation']]}"
+        for one in neutral
+    ]
     return Section(
         "What theta = 0 means",
         [
@@ -117,16 +143,32 @@ def _expectation(founds: list[Found], folder: Path) -> Section:
             f"that theta brings in. Collisions at theta = 0: {', '.join(text)}; the paper: "
             f"{100 * published.THETA[0.0].collision_rate[0]:g} %."
         ],
-        [table(folder, "expectation", "MPPI-Belief by expectation and risk aversion", lines(founds), founds)],
+        [
+            table(
+                folder,
+                "expectation",
+                "MPPI-Belief by expectation and risk aversion",
+                lines(founds),
+                founds,
+            )
+        ],
     )
 
 
 def _diffusion(founds: list[Found], folder: Path) -> Section:
-    tables = [table(folder, "diffusion", "Two systems, three controllers, theta = 0", lines(founds), founds)]
+    tables = [
+        table(
+            folder, "diffusion", "Two systems, three controllers, theta = 0", lines(founds), founds
+        )
+    ]
     for name in dict.fromkeys(one.cell.config["names"]["system"] for one in founds):
         cells = [one for one in founds if one.cell.config["names"]["system"] == name]
         if len(pairs := differences(cells, "lqg")):
-            tables.append(table(folder, f"diffusion_{name}", f"LQG against each, trial by trial: {name}", pairs))
+            tables.append(
+                table(
+                    folder, f"diffusion_{name}", f"LQG against each, trial by trial: {name}", pairs
+                )
+            )
     return Section(
         "Matched diffusion or Algorithm 1 as printed",
         [
@@ -140,13 +182,27 @@ def _diffusion(founds: list[Found], folder: Path) -> Section:
 
 
 def _samples(founds: list[Found], folder: Path) -> Section:
-    usual = [one for one in founds if one.labels.get("planner.horizon") == published.HORIZON and len(one.good)]
-    text = [f"N = {one.labels['planner.n_samples']}: {rate(one)}, cost {cost(one)}" for one in usual]
+    usual = [
+        one
+        for one in founds
+        if one.labels.get("planner.horizon") == published.HORIZON and len(one.good)
+    ]
+    text = [
+        f"N = {one.labels['planner.n_samples']}: {rate(one)}, cost {cost(one)}" for one in usual
+    ]
     alt = "Effective sample size, collision rate, cost and time by number of samples and horizon"
     return Section(
         "Horizon and number of samples",
         [f"Collisions and cost at the paper's horizon: {'; '.join(text)}."],
-        [table(folder, "horizon_and_samples", "MPPI-Belief by horizon and samples", lines(founds), founds)],
+        [
+            table(
+                folder,
+                "horizon_and_samples",
+                "MPPI-Belief by horizon and samples",
+                lines(founds),
+                founds,
+            )
+        ],
         picture(folder, "horizon_and_samples", figures.ess_figure(founds), alt),
     )
 
@@ -172,7 +228,9 @@ BEYOND: dict[str, Callable[[list[Found], Path], Section]] = {
 
 def _general(name: str, founds: list[Found], folder: Path) -> Section:
     """A study that the report knows nothing of: its table."""
-    return Section(name, [], [table(folder, name.replace("/", "_"), "All cells", lines(founds), founds)])
+    return Section(
+        name, [], [table(folder, name.replace("/", "_"), "All cells", lines(founds), founds)]
+    )
 
 
 def _reproduction(studies: Studies, folder: Path) -> list[Section]:
@@ -193,7 +251,9 @@ def _reproduction(studies: Studies, folder: Path) -> list[Section]:
         if len(frame := reproduction.as_frame(compared, kind))
     ]
     if len(values := _open_values(first)):
-        tables.append(table(folder, "calibrated", "What the paper leaves open, as calibrated", values))
+        tables.append(
+            table(folder, "calibrated", "What the paper leaves open, as calibrated", values)
+        )
     text = (
         "The paper leaves about ten numbers open. They were fitted to the costs, spreads and collision rates of "
         "Table I and to nothing else; both sweeps are predictions. z is the difference in standard errors; both sides "
@@ -201,7 +261,10 @@ def _reproduction(studies: Studies, folder: Path) -> list[Section]:
         "appears: sigma_o is the deviation of a sample, the variance of Remark 4 is that of the obstacle penalty, a "
         "step is charged at its end, and the particle filter takes the measurement noise at the particles' mean."
     )
-    said = [*(reproduction.verdict(compared, kind) for kind in kinds), *reproduction.claims(first, weights)]
+    said = [
+        *(reproduction.verdict(compared, kind) for kind in kinds),
+        *reproduction.claims(first, weights),
+    ]
     return [
         *_matching(first, folder),
         Section("How well the published numbers are met", [text, *said], tables),
@@ -214,5 +277,7 @@ def _open_values(founds: list[Found]) -> pd.DataFrame:
     for one in by_method(founds).get("belief", [])[:1]:
         for key, meaning in published.OPEN.items():
             group, _, name = key.partition(".")
-            rows.append({"Key": key, "What": meaning, "Value": str(one.cell.config[group].get(name, "-"))})
+            rows.append(
+                {"Key": key, "What": meaning, "Value": str(one.cell.config[group].get(name, "-"))}
+            )
     return pd.DataFrame(rows)

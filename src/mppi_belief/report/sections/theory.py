@@ -21,13 +21,17 @@ def show(chosen: Sequence[Stored], stored: Sequence[Stored], folder: Path) -> bo
     whether the chosen ones hold."""
     for one in chosen:
         _print(one.certificate, f"{one.seconds:.1f} s", FAILS)
-        picture(folder, one.certificate.name, figures.certificate_figure(one.certificate.panels), "")
+        picture(
+            folder, one.certificate.name, figures.certificate_figure(one.certificate.panels), ""
+        )
     everything = [one.certificate for one in stored]
     write_frame(folder, "certificates", _checks(everything, FAILS), _numbers(everything))
     certificates = [one.certificate for one in chosen]
     held = [one for one in certificates if one.holds]
     checks = sum(len(one.checks) for one in certificates)
-    print(f"{len(held)} of {len(certificates)} certificates hold, {checks} checks; {folder / 'certificates.md'}")
+    print(
+        f"{len(held)} of {len(certificates)} certificates hold, {checks} checks; {folder / 'certificates.md'}"
+    )
     return len(held) == len(certificates)
 
 
@@ -41,7 +45,9 @@ def show_system(found: Certificate, folder: Path) -> None:
 
 def _print(one: Certificate, aside: str, fails: str) -> None:
     """A certificate as lines of aligned columns."""
-    rows = [(check.computed, _value(check), check.band, _verdict(check, fails)) for check in one.checks]
+    rows = [
+        (check.computed, _value(check), check.band, _verdict(check, fails)) for check in one.checks
+    ]
     widths = [max(len(row[column]) for row in rows) for column in range(3)]
     print(f"{one.statement}{f'  ({aside})' if aside else ''}")
     for computed, value, band, verdict in rows:
@@ -79,7 +85,12 @@ def _numbers(certificates: Sequence[Certificate]) -> pd.DataFrame:
     """Every check in full precision."""
     return pd.DataFrame(
         [
-            {"certificate": one.name, "statement": one.statement, **check._asdict(), "holds": check.holds}
+            {
+                "certificate": one.name,
+                "statement": one.statement,
+                **check._asdict(),
+                "holds": check.holds,
+            }
             for one in certificates
             for check in one.checks
         ]
@@ -94,7 +105,9 @@ def provenance(stored: Sequence[Stored]) -> list[tuple[str, str]]:
 
 def warnings(stored: Sequence[Stored]) -> list[str]:
     """What should keep a reader from trusting the certificates; one line each."""
-    lines = [f"{one.certificate.statement} does not hold." for one in stored if not one.certificate.holds]
+    lines = [
+        f"{one.certificate.statement} does not hold." for one in stored if not one.certificate.holds
+    ]
     if any(one.source.get("dirty") for one in stored):
         lines.append("Some certificates were computed from a checkout with uncommitted changes.")
     if len({commit(one.source) for one in stored}) > 1:

@@ -18,7 +18,9 @@ NEAR = 1.0  # m of the goal at the end of a trial; a choice
 def two_lanes(founds: list[Found], folder: Path) -> Section:
     """The table of all cells with how many trials arrived, and the paths of both filters side by side."""
     frame = lines(founds)
-    frame.insert(list(frame.columns).index("trials"), "planned from", [_seen(one) for one in founds])
+    frame.insert(
+        list(frame.columns).index("trials"), "planned from", [_seen(one) for one in founds]
+    )
     told = [interval(arrivals(one).times(100), 1) for one in founds]
     frame.insert(list(frame.columns).index("collided % [95 %]") + 1, "arrived % [95 %]", told)
     said = [
@@ -37,7 +39,9 @@ def two_lanes(founds: list[Found], folder: Path) -> Section:
             " ".join(said),
         ],
         [table(folder, "two_lanes", "Every filter and planner", frame, founds)],
-        picture(folder, "two_lanes", figures.compare(shown) if (shown := panels(founds)) else None, alt),
+        picture(
+            folder, "two_lanes", figures.compare(shown) if (shown := panels(founds)) else None, alt
+        ),
     )
 
 
@@ -64,7 +68,12 @@ def panels(founds: Sequence[Found]) -> list[figures.Run]:
     most = max((one.labels["theta"] for one in plain if one.method == "belief"), default=0.0)
     chosen = [one for one in plain if one.method == "ce" or one.labels["theta"] == most]
     return [
-        figures.Run(paths, scene, set(one.good["trial"][one.collided]), f"{one.name}, filter={one.labels['filter']}")
+        figures.Run(
+            paths,
+            scene,
+            set(one.good["trial"][one.collided]),
+            f"{one.name}, filter={one.labels['filter']}",
+        )
         for one in chosen
         if (kept := figures.kept_in_plane(one))
         for scene, paths in [kept]

@@ -34,7 +34,10 @@ MEANS, GRID = 64, 121
 S = 0.5  # standard deviation of the scalar beliefs
 BOX = 2.0  # |mu| <= 2
 SLOPE = 0.5**0.5
-SHAPES = ((3, 2, 16), (8, 3, None))  # states, measurements, nodes per axis of the affine observations
+SHAPES = (
+    (3, 2, 16),
+    (8, 3, None),
+)  # states, measurements, nodes per axis of the affine observations
 
 TEXT = (
     "The part of the measurement's diffusion that is not tangent to the Gaussian means is computed for 64 means and a "
@@ -57,16 +60,23 @@ class Found(NamedTuple):
 
 
 def outside(
-    cs: Sequence[Callable[[Array], Array]], means: np.ndarray, cov: np.ndarray, per_axis: int | None = None
+    cs: Sequence[Callable[[Array], Array]],
+    means: np.ndarray,
+    cov: np.ndarray,
+    per_axis: int | None = None,
 ) -> list[Found]:
     """`outside_mean_tangent` of each c over means (M, nx), all compiled as one."""
     nodes = gaussian_nodes(cov.shape[0], per_axis)
 
     def at(index: Array, mean: Array) -> tuple[Array, Array]:
-        return outside_mean_tangent(lambda x: jax.lax.switch(index, cs, x), mean, jnp.asarray(cov), nodes)
+        return outside_mean_tangent(
+            lambda x: jax.lax.switch(index, cs, x), mean, jnp.asarray(cov), nodes
+        )
 
     index = jnp.arange(len(cs)).repeat(len(means))
-    found = quick_jit(lambda *at_all: jax.lax.map(lambda pair: at(*pair), at_all))(index, np.tile(means, (len(cs), 1)))
+    found = quick_jit(lambda *at_all: jax.lax.map(lambda pair: at(*pair), at_all))(
+        index, np.tile(means, (len(cs), 1))
+    )
     parts, slopes = (np.split(np.asarray(array), len(cs)) for array in found)
     # two sums over the nodes for the slope, one for the mean; the products of a node count less than another
     return [Found(part, A, 4 * len(nodes[1])) for part, A in zip(parts, slopes, strict=True)]
@@ -109,14 +119,23 @@ def certify(seed: int = 0) -> Certificate:
     rng = np.random.default_rng(seed)
     drawn, grid = rng.uniform(-BOX, BOX, MEANS), np.linspace(-np.pi, np.pi, GRID)
     at_all = outside(
-        [lambda x: 3 * x + 1, lambda x: x**3, jnp.sin], np.append(drawn, grid)[:, None], np.full((1, 1), S**2)
+        [lambda x: 3 * x + 1, lambda x: x**3, jnp.sin],
+        np.append(drawn, grid)[:, None],
+        np.full((1, 1), S**2),
     )
-    cubic, sine = (Found(found.part[:MEANS], found.A[:MEANS], found.rounding) for found in at_all[1:])
+    cubic, sine = (
+        Found(found.part[:MEANS], found.A[:MEANS], found.rounding) for found in at_all[1:]
+    )
     return Certificate(
         "affine_observations",
         "Theorem 1, affine observations",
         TEXT,
-        [*_affine(rng), *_closed_forms(drawn, cubic, sine), *_nonlinear(rng, cubic, sine), *_noise_level(rng)],
+        [
+            *_affine(rng),
+            *_closed_forms(drawn, cubic, sine),
+            *_nonlinear(rng, cubic, sine),
+            *_noise_level(rng),
+        ],
         [_panel(grid, [found.part[MEANS:] for found in at_all])],
     )
 
@@ -135,14 +154,32 @@ def _affine(rng: np.random.Generator) -> list[Check]:
         cov = basis * rng.uniform(0.1, 1, nx) @ basis.T
         means = rng.uniform(-BOX, BOX, (MEANS, nx))
         (found,) = outside([c], means, cov, per_axis)
-        size = np.linalg.norm(b) + np.linalg.norm(A) * np.sqrt(np.max(np.sum(means**2, axis=1)) + np.trace(cov))
+        size = np.linalg.norm(b) + np.linalg.norm(A) * np.sqrt(
+            np.max(np.sum(means**2, axis=1)) + np.trace(cov)
+        )
         unit = found.rounding * EPSILON * size
         parts.append(np.max(np.sqrt(found.part)) / (unit / np.sqrt(np.trace(A @ cov @ A.T))))
-        spreads.append(np.max(np.linalg.norm(found.A - A, axis=(1, 2))) * np.sqrt(np.linalg.eigvalsh(cov)[0]) / unit)
+        spreads.append(
+            np.max(np.linalg.norm(found.A - A, axis=(1, 2)))
+            * np.sqrt(np.linalg.eigvalsh(cov)[0])
+            / unit
+        )
     derived = "rounding of c: 4 P operations for P nodes, over the deviation of c"
     return [
-        Check("affine c: root of the largest part outside, in units of its rounding", max(parts), 0.0, 1.0, derived),
-        Check("affine c: largest |A(mu) - A|, in units of its rounding", max(spreads), 0.0, 1.0, derived),
+        Check(
+            "affine c: root of the largest part outside, in units of its rounding",
+            max(parts),
+            0.0,
+            1.0,
+            derived,
+        ),
+        Check(
+            "affine c: largest |A(mu) - A|, in units of its rounding",
+            max(spreads),
+            0.0,
+            1.0,
+            derived,
+        ),
     ]
 
 
@@ -154,15 +191,33 @@ def _closed_forms(mu: np.ndarray, cubic: Found, sine: Found) -> list[Check]:
     """The quadrature against the closed forms; the root mean square of c over its deviation magnifies rounding."""
     rms = np.sqrt((mu**6 + 15 * mu**4 * S**2 + 45 * mu**2 * S**4 + 15 * S**6) / cubic_variance(mu))
     checks = [
-        rounding("x³: largest error of the part outside", _gap(cubic, cubic_part(mu)), cubic.rounding, 2 * rms.max())
+        rounding(
+            "x³: largest error of the part outside",
+            _gap(cubic, cubic_part(mu)),
+            cubic.rounding,
+            2 * rms.max(),
+        )
     ]
     a, b = np.exp(-(S**2)), -np.expm1(-(S**2))
     scale = 2 / np.sqrt(b**2 / 2 + a * b * np.min(np.cos(mu) ** 2))
-    checks.append(rounding("sin x: largest error of the part outside", _gap(sine, sine_part(mu)), sine.rounding, scale))
+    checks.append(
+        rounding(
+            "sin x: largest error of the part outside",
+            _gap(sine, sine_part(mu)),
+            sine.rounding,
+            scale,
+        )
+    )
     floor = "least of the closed form over |mu| ≤ 2"
     # the cubic's part rises up to mu^2 = s^2 / 3 and falls from there, the sine's rises with sin^2(mu)
-    checks.append(at_least("x³: least part outside", cubic.part.min(), cubic_part(np.array([0, BOX])).min(), floor))
-    checks.append(at_least("sin x: least part outside", sine.part.min(), 1 - S**2 / np.sinh(S**2), floor))
+    checks.append(
+        at_least(
+            "x³: least part outside", cubic.part.min(), cubic_part(np.array([0, BOX])).min(), floor
+        )
+    )
+    checks.append(
+        at_least("sin x: least part outside", sine.part.min(), 1 - S**2 / np.sinh(S**2), floor)
+    )
     return checks
 
 
@@ -178,7 +233,9 @@ def _gap(found: Found, expected: np.ndarray) -> float:
 def _nonlinear(rng: np.random.Generator, cubic: Found, sine: Found) -> list[Check]:
     """Distance and bearing, away from the origin and the cut; A(mu) that is not constant."""
     means = np.column_stack([rng.uniform(3, 6, MEANS), rng.uniform(-3, 3, MEANS)])
-    coarse, fine = (outside([bearing], means, 0.3**2 * np.eye(2), per_axis)[0] for per_axis in (32, 48))
+    coarse, fine = (
+        outside([bearing], means, 0.3**2 * np.eye(2), per_axis)[0] for per_axis in (32, 48)
+    )
     noise = fine.rounding * EPSILON * 2 * np.hypot(np.max(np.linalg.norm(means, axis=1)), 1) / 0.3
     error = np.max(np.abs(fine.part - coarse.part)) + noise
     error_A = np.max(np.abs(fine.A - coarse.A)) + noise
@@ -186,13 +243,17 @@ def _nonlinear(rng: np.random.Generator, cubic: Found, sine: Found) -> list[Chec
     two = "the quadrature's error: 32 against 48 points an axis, and rounding"
     return [
         at_least("distance and bearing: least part outside", fine.part.min(), error, two),
-        at_least("x³, sin x, distance and bearing: least spread of A(mu) over mu", spread, error_A, two),
+        at_least(
+            "x³, sin x, distance and bearing: least spread of A(mu) over mu", spread, error_A, two
+        ),
     ]
 
 
 def _noise_level(rng: np.random.Generator) -> list[Check]:
     """What the state-dependent sigma_o of the light-dark system tells, and that the filter does not use it."""
-    cost = GoalObstacleCost(jnp.zeros(4), jnp.ones(4), jnp.ones(4), jnp.ones(2), Obstacles(jnp.zeros((0, 2)), 0), 0, 1)
+    cost = GoalObstacleCost(
+        jnp.zeros(4), jnp.ones(4), jnp.ones(4), jnp.ones(2), Obstacles(jnp.zeros((0, 2)), 0), 0, 1
+    )
     problem = Problem(light_dark("sample"), cost, jnp.zeros(4), jnp.ones(4), 0.1, 1)
     means = np.column_stack([rng.uniform(-1, 8, MEANS), rng.normal(size=(MEANS, 3))])
 
@@ -203,13 +264,20 @@ def _noise_level(rng: np.random.Generator) -> list[Check]:
 
     told, after = quick_jit(jax.vmap(sampled))(means)
     intensity = quick_jit(jax.vmap(partial(information, light_dark("intensity"))))
-    ratios = [_ratio(told), *(_ratio(intensity(means, np.full(MEANS, dt))) * dt for dt in (0.1, 1e-3))]
+    ratios = [
+        _ratio(told),
+        *(_ratio(intensity(means, np.full(MEANS, dt))) * dt for dt in (0.1, 1e-3)),
+    ]
     gained = np.linalg.inv(after) - np.eye(4) - told[0]
     size = np.linalg.norm(np.eye(4) + told[0], 2, axis=(1, 2))
     # from a unit covariance, the condition number of the inverse is the size of what it gives
     excess = np.max(np.linalg.norm(gained, 2, axis=(1, 2)) / size**2)
     return [
-        rounding("noise level tells 4 slope² = 2 times the mean, or 2/dt: relative error", _worst(ratios), 40),
+        rounding(
+            "noise level tells 4 slope² = 2 times the mean, or 2/dt: relative error",
+            _worst(ratios),
+            40,
+        ),
         rounding("EKF: information gained besides the mean's, over (1 + the mean's)²", excess, 60),
     ]
 
@@ -226,7 +294,9 @@ def _worst(ratios: list[np.ndarray]) -> float:
 
 def _panel(mu: np.ndarray, parts: list[np.ndarray]) -> Panel:
     labels = ("affine, 3x + 1", "cubic, x³", "sine, sin x")
-    lines = [Line(label, mu.tolist(), part.tolist()) for label, part in zip(labels, parts, strict=True)]
+    lines = [
+        Line(label, mu.tolist(), part.tolist()) for label, part in zip(labels, parts, strict=True)
+    ]
     lines += [
         Line(f"{name}, closed form", mu[::6].tolist(), form(mu[::6]).tolist(), "points")
         for name, form in (("cubic", cubic_part), ("sine", sine_part))

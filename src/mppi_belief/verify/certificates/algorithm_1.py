@@ -111,7 +111,11 @@ def optimal_cost(problem: Problem, optimum: Optimum, covs: np.ndarray) -> float:
     """Cost of LQG by the separation principle: the start, the process noise, the feedback on what is not known."""
     start = float(problem.prior_mean[0] ** 2 + problem.prior_std[0] ** 2)
     noise = optimum.value * NOISE**2 * DT
-    return 0.5 * (optimum.value * start + STEPS * noise + optimum.gain**2 * optimum.hessian * float(np.sum(covs)))
+    return 0.5 * (
+        optimum.value * start
+        + STEPS * noise
+        + optimum.gain**2 * optimum.hessian * float(np.sum(covs))
+    )
 
 
 def filtered_law(problem: Problem) -> tuple[np.ndarray, np.ndarray]:
@@ -143,7 +147,9 @@ def tilted(diffusions: np.ndarray, terminal: float, tau: float) -> Tilt:
     return Tilt(value, constant, pull, spread)
 
 
-def expected_excess(problem: Problem, optimum: Optimum, covs: np.ndarray, innovations: np.ndarray) -> Expected:
+def expected_excess(
+    problem: Problem, optimum: Optimum, covs: np.ndarray, innovations: np.ndarray
+) -> Expected:
     """Of Algorithm 1, from the filter's covariances and the variances of the mean's steps, both (K,).
 
     A ratio of averages sum w x / sum w has variance E[w^2 (x - x*)^2] / (N E[w]^2) and bias
@@ -155,15 +161,21 @@ def expected_excess(problem: Problem, optimum: Optimum, covs: np.ndarray, innova
     # E[w^2] / E[w]^2 = exp(rate mu^2 + ...): another Gaussian integral, over the law of mu_k
     rate = (once.value - twice.value) / TEMPERATURE
     narrowed = 1 - 2 * rate * variance
-    ratio = np.exp(rate * mean**2 / narrowed + 2 * once.constant - twice.constant) / np.sqrt(narrowed)
+    ratio = np.exp(rate * mean**2 / narrowed + 2 * once.constant - twice.constant) / np.sqrt(
+        narrowed
+    )
     square = ratio * ((mean / narrowed) ** 2 + variance / narrowed)
     apart, wrong = once.pull - twice.pull, optimum.gain - once.pull / B
     sampling = (apart**2 * square + twice.spread * ratio) / B**2 - 2 * wrong * apart * square / B
     floor = 0.5 * optimum.hessian * np.sum(wrong**2 * (mean**2 + variance))
-    return Expected(float(floor), float(0.5 * optimum.hessian * np.sum(sampling)), float(np.max(ratio)))
+    return Expected(
+        float(floor), float(0.5 * optimum.hessian * np.sum(sampling)), float(np.max(ratio))
+    )
 
 
-def mean_law(start: float, pulls: np.ndarray, innovations: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def mean_law(
+    start: float, pulls: np.ndarray, innovations: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Means and variances (K,) of mu_k under mu' = (F - pull) mu + innovation."""
     law = [(start, 0.0)]
     for pull, innovation in zip(pulls[:-1], innovations[:-1], strict=True):
@@ -188,7 +200,9 @@ def closed_loops(problem: Problem, controller: Controller, seed: int, trials: in
 
     # compiling takes longer than running: the problem is a constant here, which saves a third, and so does this option
     options = {"xla_backend_optimization_level": 1}
-    loops = jax.jit(lambda numbers: jax.lax.map(loop, numbers, batch_size=BATCH), compiler_options=options)
+    loops = jax.jit(
+        lambda numbers: jax.lax.map(loop, numbers, batch_size=BATCH), compiler_options=options
+    )
     return Loops(*map(np.asarray, loops(jnp.arange(trials))))
 
 
@@ -205,9 +219,17 @@ def certify(seed: int = 0) -> Certificate:
     expected = expected_excess(problem, optimum, covs, innovations)
     lqg = closed_loops(problem, LQG(horizon=0, charge="start"), seed, OPTIMAL_TRIALS)
     runs = [closed_loops(problem, printed(samples), seed, TRIALS) for samples in SAMPLES]
-    forms = np.array([0.5 * optimum.hessian * np.sum((r.control + optimum.gain * r.mean) ** 2, axis=1) for r in runs])
+    forms = np.array(
+        [
+            0.5 * optimum.hessian * np.sum((r.control + optimum.gain * r.mean) ** 2, axis=1)
+            for r in runs
+        ]
+    )
     paired = np.array([r.cost - lqg.cost[:TRIALS] for r in runs])
-    checks = [*_optimum_checks(problem, optimum, best, lqg), *_excess_checks(paired, forms, expected, best)]
+    checks = [
+        *_optimum_checks(problem, optimum, best, lqg),
+        *_excess_checks(paired, forms, expected, best),
+    ]
     text = (
         "Algorithm 1 as printed was run in closed loop on a scalar system that is matched at the steady state of (8b), "
         "against LQG with the same noise. Its excess cost equals the quadratic form of its control errors and falls as "
@@ -223,11 +245,15 @@ def certify(seed: int = 0) -> Certificate:
 def _optimum_checks(problem: Problem, optimum: Optimum, best: float, lqg: Loops) -> list[Check]:
     """The library's LQG, and (19) with the exact expectation where D is matched, are the optimum."""
     D = TEMPERATURE * CONTROL_GAIN**2 / float(problem.cost.R[0, 0])
-    matched = tilted(np.full((1, HORIZON), D), optimum.value, TEMPERATURE).pull[0] / (CONTROL_GAIN * DT)
+    matched = tilted(np.full((1, HORIZON), D), optimum.value, TEMPERATURE).pull[0] / (
+        CONTROL_GAIN * DT
+    )
     apart, trials = matched - optimum.gain, len(lqg.cost)
     gap, largest = np.max(np.abs(lqg.control + optimum.gain * lqg.mean)), np.max(np.abs(lqg.mean))
     cost = f"cost of LQG, {trials} trials, against the closed form"
-    gain = "algebra of (19), nothing sampled: its K at D = λb²/R by NumPy, less SciPy's Riccati gain"
+    gain = (
+        "algebra of (19), nothing sampled: its K at D = λb²/R by NumPy, less SciPy's Riccati gain"
+    )
     return [
         rounding(gain, apart, 10 * HORIZON),
         rounding("largest |u + K μ| of LQG, K stationary", float(gap), 20 * STEPS, float(largest)),
@@ -235,7 +261,9 @@ def _optimum_checks(problem: Problem, optimum: Optimum, best: float, lqg: Loops)
     ]
 
 
-def _excess_checks(paired: np.ndarray, forms: np.ndarray, expected: Expected, best: float) -> list[Check]:
+def _excess_checks(
+    paired: np.ndarray, forms: np.ndarray, expected: Expected, best: float
+) -> list[Check]:
     """Paired excess and quadratic forms (samples, trials) against each other and the prediction."""
     samples, freedom, most = np.array(SAMPLES), forms.shape[1] - 1, SAMPLES[-1]
     martingale = paired - forms
@@ -247,21 +275,35 @@ def _excess_checks(paired: np.ndarray, forms: np.ndarray, expected: Expected, be
     limit = "a + 2c/N: what half as many samples must cost"
     return [
         largest_z(f"excess over LQG less Σ ½ S e_k², N = {SAMPLES[0]} to {most}", drawn, freedom),
-        largest_z(f"Σ ½ S e_k² less a + c/N, N = {SAMPLES[0]} to {most}, next term allowed for", off, freedom),
+        largest_z(
+            f"Σ ½ S e_k² less a + c/N, N = {SAMPLES[0]} to {most}, next term allowed for",
+            off,
+            freedom,
+        ),
         _slope(forms, expected),
         _floor(forms, expected),
-        at_most(f"excess at N = {most}, % of the optimum, upper end", 100 * upper / best, 100 * half / best, limit),
+        at_most(
+            f"excess at N = {most}, % of the optimum, upper end",
+            100 * upper / best,
+            100 * half / best,
+            limit,
+        ),
     ]
 
 
 def _slope(forms: np.ndarray, expected: Expected) -> Check:
     """d log(excess - a) / d log N from the second N to the last."""
-    (few, many), span = (forms[1] - expected.floor, forms[-1] - expected.floor), math.log(SAMPLES[-1] / SAMPLES[1])
+    (few, many), span = (
+        (forms[1] - expected.floor, forms[-1] - expected.floor),
+        math.log(SAMPLES[-1] / SAMPLES[1]),
+    )
     slope = math.log(many.mean() / few.mean()) / span
     error = standard_error(many / many.mean() - few / few.mean()) / span
     tolerance = quantile(1, len(few) - 1) * error + expected.next_term / SAMPLES[1] / span
     computed = f"slope of log(excess - a) over log N, N = {SAMPLES[1]} to {SAMPLES[-1]}"
-    return near(computed, slope, -1.0, tolerance, "1/N; standard errors, and the next term at the smaller N")
+    return near(
+        computed, slope, -1.0, tolerance, "1/N; standard errors, and the next term at the smaller N"
+    )
 
 
 def _floor(forms: np.ndarray, expected: Expected) -> Check:
@@ -271,7 +313,12 @@ def _floor(forms: np.ndarray, expected: Expected) -> Check:
     left = expected.per_sample * expected.next_term / SAMPLES[-1] / SAMPLES[-2]
     computed = f"excess for N → ∞, from N = {SAMPLES[-2]} and {SAMPLES[-1]}, against a"
     return within_errors(
-        computed, float(limits.mean()), expected.floor, standard_error(limits), len(limits) - 1, float(left)
+        computed,
+        float(limits.mean()),
+        expected.floor,
+        standard_error(limits),
+        len(limits) - 1,
+        float(left),
     )
 
 
@@ -283,7 +330,9 @@ def _excess_panel(paired: np.ndarray, forms: np.ndarray, expected: Expected, bes
         _points("cost less that of LQG, same noise", paired, best),
         _points("quadratic form of the control errors", forms, best),
     ]
-    return Panel("Excess cost of Algorithm 1", "samples N", "excess cost (% of the optimum)", lines, "xy")
+    return Panel(
+        "Excess cost of Algorithm 1", "samples N", "excess cost (% of the optimum)", lines, "xy"
+    )
 
 
 def _points(label: str, excess: np.ndarray, best: float) -> Line:
@@ -299,6 +348,8 @@ def _points(label: str, excess: np.ndarray, best: float) -> Line:
 
 def _loop_panel(runs: Sequence[Loops], lqg: Loops) -> Panel:
     times = list(DT * np.arange(STEPS))
-    lines = [Line(f"Algorithm 1, N = {SAMPLES[i]}", times, list(runs[i].mean[0])) for i in (0, 2, -1)]
+    lines = [
+        Line(f"Algorithm 1, N = {SAMPLES[i]}", times, list(runs[i].mean[0])) for i in (0, 2, -1)
+    ]
     lines.append(Line("LQG", times, list(lqg.mean[0]), "dashed"))
     return Panel("One closed loop, the same noise", "time t (s)", "belief mean μ", lines)

@@ -54,7 +54,10 @@ FINE, COARSE, LINEAR_PATHS = 4096, (HELD, 64, 128, 256), 128  # steps of the pat
 STEPS, PATHS, PARTICLES = 32, 64, 500  # of the curved measurement
 SETTLED = 8  # steps after which the prior is forgotten
 CURVATURES = (0.01, 0.02, 0.04, 0.08, 0.4, 1.6)
-SMALL, SAMPLED = slice(3, None, -1), [3, 4, 5]  # those that show the order, those of the particle filter
+SMALL, SAMPLED = (
+    slice(3, None, -1),
+    [3, 4, 5],
+)  # those that show the order, those of the particle filter
 
 
 def rms_over(deviation: Reals, axis: int | tuple[int, ...]) -> Reals:
@@ -88,10 +91,18 @@ def space_orders() -> list[Check]:
     y = smooth_record(problem)
     kalman = jax.jit(lambda y: filtered(problem, EKF(), y, jax.random.key(0)))(jnp.asarray(y))
     found = [on_grid(problem, cells, y * problem.dt, substeps=8) for cells in (60, 120, 240)]
-    means, variances = ([float(rms(part[j][:, 0] - exact)) for part in found] for j, exact in enumerate(kalman))
+    means, variances = (
+        [float(rms(part[j][:, 0] - exact)) for part in found] for j, exact in enumerate(kalman)
+    )
     return [
-        order("c linear: order in h of the grid's mean against the discrete Kalman filter's", 2, means),
-        order("c linear: order in h of the grid's variance against the discrete Kalman filter's", 2, variances),
+        order(
+            "c linear: order in h of the grid's mean against the discrete Kalman filter's", 2, means
+        ),
+        order(
+            "c linear: order in h of the grid's variance against the discrete Kalman filter's",
+            2,
+            variances,
+        ),
     ]
 
 
@@ -123,7 +134,9 @@ def time_orders(seed: int) -> list[Check]:
         summed = dy.reshape(steps, -1, LINEAR_PATHS).sum(axis=1)
         coarse = linear(A, duration, steps)
         found = extrapolated(*(on_grid(coarse, cells, summed) for cells in (120, 240)))
-        smooth = extrapolated(*(on_grid(coarse, cells, smooth_record(coarse) * coarse.dt) for cells in (240, 480)))
+        smooth = extrapolated(
+            *(on_grid(coarse, cells, smooth_record(coarse) * coarse.dt) for cells in (240, 480))
+        )
         at, of = slice(None, None, steps // COARSE[0]), slice(None, None, FINE // COARSE[0])
         means.append(rms_over(found.mean[at] - exact.mean[of], axis=0))
         variances.append(float(rms(smooth.variance[at] - exact.variance[of])))
@@ -133,7 +146,9 @@ def time_orders(seed: int) -> list[Check]:
     bias = (abs(A) + C**2 * exact.variance.max() / SIGMA_O**2) * duration / COARSE[-2]
     said = "c linear: order in dt of the grid's mean against Kalman-Bucy (8a), mean over paths"
     return [
-        order("c linear: order in dt of the grid's variance against Kalman-Bucy (8b)", 1, variances),
+        order(
+            "c linear: order in dt of the grid's variance against Kalman-Bucy (8b)", 1, variances
+        ),
         within_errors(said, orders[-1].mean(), 1, error, LINEAR_PATHS - 1, float(bias)),
     ]
 
@@ -149,12 +164,20 @@ def channel_check(u: float = 0.7) -> Check:
     p, c = kushner.gaussian(on, PRIOR_MEAN, PRIOR_STD**2)[:, None], model.c[:, None]
     bands = kushner.generator(on, model, u)
     a, b = kushner.drift_channel(bands, p), kushner.diffusion_channel(on, p, c, model.R_o)
-    rounded_a, rounded_b = kushner.drift_channel(np.abs(bands), p), p * (np.abs(c) + C * PRIOR_MEAN) / model.R_o
+    rounded_a, rounded_b = (
+        kushner.drift_channel(np.abs(bands), p),
+        p * (np.abs(c) + C * PRIOR_MEAN) / model.R_o,
+    )
     K, _ = kalman_bucy(prior(problem).cov, jnp.array([[C]]), jnp.array([[model.R_o]]))
     off = []
-    for channel, rounded, moved in ((a, rounded_a, A * PRIOR_MEAN + B * u), (b, rounded_b, float(K[0, 0]))):
+    for channel, rounded, moved in (
+        (a, rounded_a, A * PRIOR_MEAN + B * u),
+        (b, rounded_b, float(K[0, 0])),
+    ):
         for test, expected in ((np.ones_like(on.x), 0.0), (on.x, moved)):
-            off.append(abs(test @ channel[:, 0] * on.h - expected) / (np.abs(test) @ rounded[:, 0] * on.h))
+            off.append(
+                abs(test @ channel[:, 0] * on.h - expected) / (np.abs(test) @ rounded[:, 0] * on.h)
+            )
     said = "(6a)(6b): mass made, and mean moved against Aμ + Bu and K, relative to what is summed"
     return rounding(said, float(np.max(off)), len(on.x))
 
@@ -174,17 +197,32 @@ def step_orders(u: float = 0.8) -> list[Check]:
     drift, diffusion = [], []
     for finer in range(4):
         on, dt = kushner.grid(-REACH, REACH, 100 * 2**finer), 0.032 / 4.0**finer
-        model = kushner.coefficients(curved(0.8).system, on, dt)._replace(f=-np.sin(on.x), G=1 + 0.3 * np.cos(on.x))
+        model = kushner.coefficients(curved(0.8).system, on, dt)._replace(
+            f=-np.sin(on.x), G=1 + 0.3 * np.cos(on.x)
+        )
         p, c = kushner.gaussian(on, PRIOR_MEAN, PRIOR_STD**2)[:, None], model.c[:, None]
-        a, b = drift_in_closed_form(on.x, u, model.Q), kushner.diffusion_channel(on, p, c, model.R_o)
+        a, b = (
+            drift_in_closed_form(on.x, u, model.Q),
+            kushner.diffusion_channel(on, p, c, model.R_o),
+        )
         dy = np.sum(p * c) * on.h * dt + np.sqrt(model.R_o * dt) * np.array([1.0, -1.0])
-        after = kushner.observe(on, kushner.transport(kushner.generator(on, model, u), p, dt), c, model.R_o, dy, dt)
+        after = kushner.observe(
+            on, kushner.transport(kushner.generator(on, model, u), p, dt), c, model.R_o, dy, dt
+        )
         drift.append(rms((after.mean(axis=1) - p[:, 0]) / dt - a))
         half = (after[:, :1] - after[:, 1:]) / 2
         diffusion.append(rms(half / np.sqrt(model.R_o * dt) - b))
     return [
-        order("order in h, dt ~ h², of one step's density, mean over dỹ = ±√(R_o dt), against (6a)", 2, drift),
-        order("order in h, dt ~ h², of one step's density, half difference over ±, against b of (6b)", 2, diffusion),
+        order(
+            "order in h, dt ~ h², of one step's density, mean over dỹ = ±√(R_o dt), against (6a)",
+            2,
+            drift,
+        ),
+        order(
+            "order in h, dt ~ h², of one step's density, half difference over ±, against b of (6b)",
+            2,
+            diffusion,
+        ),
     ]
 
 
@@ -207,7 +245,10 @@ def curved_case(seed: int) -> tuple[list[Check], list[Panel]]:
     y, ekf = quick_jit(jax.vmap(jax.vmap(one, (None, 0)), (0, None)))(curvatures, paths)
     run = quick_jit(jax.vmap(jax.vmap(particles, (None, 0, 0)), (0, None, 0)))
     sampled = run(curvatures[jnp.array(SAMPLED)], paths, y[jnp.array(SAMPLED)])
-    coarse, fine = (curved_grid(np.asarray(y)[..., 0], cells, substeps) for cells, substeps in ((250, 1), (500, 2)))
+    coarse, fine = (
+        curved_grid(np.asarray(y)[..., 0], cells, substeps)
+        for cells, substeps in ((250, 1), (500, 2))
+    )
     exact = extrapolated(coarse, fine)
     own = Moments(*(np.abs(e - f) for e, f in zip(exact, fine, strict=True)))
     ekf, sampled = Moments(*map(np.asarray, ekf)), Moments(*map(np.asarray, sampled))
@@ -219,8 +260,14 @@ def worse_from(panel: Panel) -> float:
     """The least kappa tried from which on the EKF's mean is farther off than the particle filter's."""
     ekf, _, particles, _ = panel.lines
     errors = dict(zip(ekf.x, ekf.y, strict=True))
-    below = [kappa for kappa, error in zip(particles.x, particles.y, strict=True) if errors[kappa] <= error]
-    return min((kappa for kappa in particles.x if kappa > max(below, default=0.0)), default=float("inf"))
+    below = [
+        kappa
+        for kappa, error in zip(particles.x, particles.y, strict=True)
+        if errors[kappa] <= error
+    ]
+    return min(
+        (kappa for kappa in particles.x if kappa > max(below, default=0.0)), default=float("inf")
+    )
 
 
 def curved_grid(y: Reals, cells: int, substeps: int) -> Moments:
@@ -238,7 +285,8 @@ def particle_check(sampled: Moments, exact: Moments, own: Moments) -> Check:
     sd, scores = np.sqrt(exact.variance[SAMPLED]), []
     for found, truth, bias, unit in zip(sampled, exact, own, (sd, sd**2), strict=True):
         off, bound = (
-            part[:, :, SETTLED:].mean(axis=2) for part in ((found - truth[SAMPLED]) / unit, bias[SAMPLED] / unit)
+            part[:, :, SETTLED:].mean(axis=2)
+            for part in ((found - truth[SAMPLED]) / unit, bias[SAMPLED] / unit)
         )
         error = off.std(axis=1, ddof=1) / np.sqrt(PATHS)
         scores.append(np.maximum(np.abs(off.mean(axis=1)) - bound.mean(axis=1), 0) / error)
@@ -248,7 +296,9 @@ def particle_check(sampled: Moments, exact: Moments, own: Moments) -> Check:
 
 def ekf_checks(ekf: Moments, exact: Moments, own: Moments) -> list[Check]:
     """How the EKF's errors grow with kappa, and that the largest is the EKF's and not the grid's."""
-    means, variances = (rms_over(found - truth, axis=(1, 2))[SMALL] for found, truth in zip(ekf, exact, strict=True))
+    means, variances = (
+        rms_over(found - truth, axis=(1, 2))[SMALL] for found, truth in zip(ekf, exact, strict=True)
+    )
     sd = np.sqrt(exact.variance[-1])
     off, floor = (float(rms(part / sd)) for part in ((ekf.mean - exact.mean)[-1], own.mean[-1]))
     said = f"RMS error of the EKF's mean at κ = {CURVATURES[-1]:g}, × posterior sd"
@@ -262,12 +312,27 @@ def ekf_checks(ekf: Moments, exact: Moments, own: Moments) -> list[Check]:
 def error_panel(ekf: Moments, sampled: Moments, exact: Moments) -> Panel:
     """RMS errors over time and paths, in posterior standard deviations, over kappa."""
     lines = []
-    both = ("EKF", ekf, list(range(len(CURVATURES))), "line"), (f"{PARTICLES} particles", sampled, SAMPLED, "points")
+    both = (
+        ("EKF", ekf, list(range(len(CURVATURES))), "line"),
+        (f"{PARTICLES} particles", sampled, SAMPLED, "points"),
+    )
     for name, found, at, look in both:
         kappa, mean, sd = [CURVATURES[i] for i in at], exact.mean[at], np.sqrt(exact.variance[at])
-        lines.append(Line(f"{name}, mean", kappa, rms_over((found.mean - mean) / sd, axis=(1, 2)).tolist(), look))
         lines.append(
-            Line(f"{name}, std", kappa, rms_over(np.sqrt(found.variance) / sd - 1, axis=(1, 2)).tolist(), look)
+            Line(
+                f"{name}, mean",
+                kappa,
+                rms_over((found.mean - mean) / sd, axis=(1, 2)).tolist(),
+                look,
+            )
+        )
+        lines.append(
+            Line(
+                f"{name}, std",
+                kappa,
+                rms_over(np.sqrt(found.variance) / sd - 1, axis=(1, 2)).tolist(),
+                look,
+            )
         )
     title = "Errors against the Kushner-Stratonovich equation"
     return Panel(title, "curvature κ of the measurement", "RMS error (× posterior sd)", lines, "xy")
@@ -278,11 +343,20 @@ def path_panel(ekf: Moments, sampled: Moments, exact: Moments) -> Panel:
     time = np.linspace(0, 1, STEPS + 1).tolist()
     mean, sd = exact.mean[-1, 0], np.sqrt(exact.variance[-1, 0])
     lines = [
-        Line("grid, ± 2 std", time, mean.tolist(), "line", (mean - 2 * sd).tolist(), (mean + 2 * sd).tolist()),
+        Line(
+            "grid, ± 2 std",
+            time,
+            mean.tolist(),
+            "line",
+            (mean - 2 * sd).tolist(),
+            (mean + 2 * sd).tolist(),
+        ),
         Line("EKF", time, ekf.mean[-1, 0].tolist(), "dashed"),
         Line("particle filter", time, sampled.mean[-1, 0].tolist(), "points"),
     ]
-    return Panel(f"Belief mean along one path, κ = {CURVATURES[-1]:g}", "time (s)", "belief mean μ", lines)
+    return Panel(
+        f"Belief mean along one path, κ = {CURVATURES[-1]:g}", "time (s)", "belief mean μ", lines
+    )
 
 
 def certify(seed: int = 0) -> Certificate:

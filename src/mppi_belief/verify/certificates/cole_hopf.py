@@ -85,7 +85,9 @@ def distance(V: np.ndarray, other: np.ndarray) -> float:
     return rms(_shared((V - other)[1:-1, 1:-1]))
 
 
-def hjb_residual(terms: pde.Equation, on: pde.Grid, points: np.ndarray, V: np.ndarray) -> np.ndarray:
+def hjb_residual(
+    terms: pde.Equation, on: pde.Grid, points: np.ndarray, V: np.ndarray
+) -> np.ndarray:
     """dV/dt plus the right-hand side of (14) by centred differences, for V (m + 1, n) at points (n,): at the points and
     times within the coarsest grid's."""
     in_time, now, mu = (V[2:, 1:-1] - V[:-2, 1:-1]) / (2 * on.dt), V[1:-1], points[1:-1]
@@ -94,7 +96,9 @@ def hjb_residual(terms: pde.Equation, on: pde.Grid, points: np.ndarray, V: np.nd
     return _shared(in_time + terms.running(mu) + terms.drift * mu * gradient + bent)
 
 
-def mismatch(terms: pde.Equation, kappa: float, cells: int, steps: int) -> tuple[np.ndarray, np.ndarray]:
+def mismatch(
+    terms: pde.Equation, kappa: float, cells: int, steps: int
+) -> tuple[np.ndarray, np.ndarray]:
     """The residual of (14) where D is kappa times the matched one, and what is predicted for it."""
     terms = terms._replace(diffusion=kappa * terms.diffusion)
     on = pde.grid(terms, cells, steps)
@@ -130,8 +134,18 @@ def _minimised(matched: Matched, terms: pde.Equation, solved: Solved) -> list[Ch
     size = np.max(np.abs([left, centre, right]))
     wrong, wrong_value = best + G / R * gradient, value + terms.authority / 2 * gradient**2
     return [
-        rounding("least u in (13) over a grid, parabola between, plus R⁻¹G'V_μ", _largest(wrong), 20, size / R / width),
-        rounding("least value of (13) over u less the control term of (14)", _largest(wrong_value), 20, size),
+        rounding(
+            "least u in (13) over a grid, parabola between, plus R⁻¹G'V_μ",
+            _largest(wrong),
+            20,
+            size / R / width,
+        ),
+        rounding(
+            "least value of (13) over u less the control term of (14)",
+            _largest(wrong_value),
+            20,
+            size,
+        ),
     ]
 
 
@@ -143,11 +157,18 @@ def _linear_quadratic(along: Steady) -> list[Check]:
     """Without obstacles V is the quadratic of the scalar Riccati equation."""
     terms = equation(matched_problem(w_obs=0.0, theta=0.0), along)
     solved = [solve(terms, *size) for size in GRIDS]
-    exact = [pde.quadratic(pde.far_field(terms, terms.authority, s.on.times[:, None]), s.inner) for s in solved]
+    exact = [
+        pde.quadratic(pde.far_field(terms, terms.authority, s.on.times[:, None]), s.inner)
+        for s in solved
+    ]
     linear = [distance(s.linear, V) for s, V in zip(solved, exact, strict=True)]
     direct = [distance(s.direct, V) for s, V in zip(solved, exact, strict=True)]
     return [
-        order("linear-quadratic: RMS distance of V by (16) from the Riccati solution, order", 2, linear),
+        order(
+            "linear-quadratic: RMS distance of V by (16) from the Riccati solution, order",
+            2,
+            linear,
+        ),
         at_most(
             "linear-quadratic: RMS distance of V by (13) from the Riccati solution over its bound",
             max(found / s.in_time for found, s in zip(direct, solved, strict=True)),
@@ -160,7 +181,9 @@ def _linear_quadratic(along: Steady) -> list[Check]:
 def _broken(broken: dict[float, list[tuple[np.ndarray, np.ndarray]]]) -> list[Check]:
     """What is left is what is predicted, for every kappa."""
     slopes = {
-        kappa: [float(np.sum(found * predicted) / np.sum(predicted**2)) for found, predicted in grids]
+        kappa: [
+            float(np.sum(found * predicted) / np.sum(predicted**2)) for found, predicted in grids
+        ]
         for kappa, grids in broken.items()
     }
     changes = {kappa: abs(s[-1] - s[-2]) for kappa, s in slopes.items()}
@@ -200,7 +223,12 @@ def _panels(
         Line("reduced cost q", mu, terms.running(s.inner).tolist(), "dashed"),
     ]
     return [
-        Panel("Cost-to-go at t = 0", "belief mean μ (dimensionless)", "V(0, μ), q(μ) (dimensionless)", values),
+        Panel(
+            "Cost-to-go at t = 0",
+            "belief mean μ (dimensionless)",
+            "V(0, μ), q(μ) (dimensionless)",
+            values,
+        ),
         Panel(
             "Residual of the Bellman equation",
             "cell width h (dimensionless)",

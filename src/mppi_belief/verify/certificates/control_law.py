@@ -19,7 +19,17 @@ from jax import Array
 from ...controllers import LQG
 from ...planning import path_integral as pi
 from ...problem import Belief, Problem
-from ...results.certificate import Certificate, Check, Line, Panel, largest_z, order, quantile, rounding, within_errors
+from ...results.certificate import (
+    Certificate,
+    Check,
+    Line,
+    Panel,
+    largest_z,
+    order,
+    quantile,
+    rounding,
+    within_errors,
+)
 from .. import pde
 from ..matched_problem import (
     Matched,
@@ -82,7 +92,11 @@ def certify(seed: int = 0) -> Certificate:
     distances = [rms(u - best) for u in expected]
     sampled, found = sample(matched, terms, keys[0]), at_one(matched, along, terms, keys[1])
     checks = [
-        order("exact expectation of (19): RMS distance from -R⁻¹G'V_μ of (16), order in Δt", 1, distances),
+        order(
+            "exact expectation of (19): RMS distance from -R⁻¹G'V_μ of (16), order in Δt",
+            1,
+            distances,
+        ),
         _limit(expected, best, best_error),
         transient_check(keys[2]),
         *_sampling(sampled, found),
@@ -118,7 +132,9 @@ def _sampling(sampled: Sampled, found: Rate) -> list[Check]:
     ]
 
 
-def optimal(matched: Matched, terms: pde.Equation, means: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def optimal(
+    matched: Matched, terms: pde.Equation, means: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """-R^-1 G' V_mu (means,) at t = 0 from (16), extrapolated from two grids that have the means on them, and how far
     the finer grid's is from that."""
     G, R = np.asarray(matched.problem.system.G(jnp.zeros(1))), np.asarray(matched.problem.cost.R)
@@ -153,11 +169,17 @@ def estimate(matched: Matched, terms: pde.Equation, means: np.ndarray) -> Estima
     ratio = np.exp(cold.log_psi(means) - 2 * warm.log_psi(means))
     (mean, _), (colder, variance) = warm.increment(means), cold.increment(means)
     moved = colder - mean
-    return Estimate(to_control * mean, -ratio * to_control * moved, ratio * to_control**2 * (variance + moved**2))
+    return Estimate(
+        to_control * mean,
+        -ratio * to_control * moved,
+        ratio * to_control**2 * (variance + moved**2),
+    )
 
 
 def _to_control(matched: Matched) -> float:
-    return float(pi.control_map(matched.problem.system.G(jnp.zeros(1)), matched.problem.cost.R)[0, 0])
+    return float(
+        pi.control_map(matched.problem.system.G(jnp.zeros(1)), matched.problem.cost.R)[0, 0]
+    )
 
 
 def sample(matched: Matched, terms: pde.Equation, key: Array) -> Sampled:
@@ -175,9 +197,14 @@ def at_one(matched: Matched, along: Steady, terms: pde.Equation, key: Array) -> 
     """Independent batches of every size at one mean."""
     costs, increments = pooled_costs(matched, along, RATE_MEAN, key, int(BATCHES * SIZES.sum()))
     truth = estimate(matched, terms, np.array([RATE_MEAN]))
-    of_batches = quick_jit(jax.vmap(lambda S, u: pi.weighted_increments(pi.weights(S, matched.temperature), u)))
+    of_batches = quick_jit(
+        jax.vmap(lambda S, u: pi.weighted_increments(pi.weights(S, matched.temperature), u))
+    )
     cuts = BATCHES * np.cumsum(SIZES)[:-1]
-    parts = [[part.reshape(BATCHES, -1) for part in np.split(whole, cuts)] for whole in (costs, increments)]
+    parts = [
+        [part.reshape(BATCHES, -1) for part in np.split(whole, cuts)]
+        for whole in (costs, increments)
+    ]
     errors = np.array([of_batches(S, u) - truth.control[0] for S, u in zip(*parts, strict=True)])
     square = np.mean(errors**2, axis=1)
     return Rate(np.sqrt(square), square * SIZES / truth.variance[0])
@@ -187,7 +214,9 @@ def _linear_quadratic(along: Steady) -> Check:
     """Without obstacles: with Gaussian Psi the exact expectation is the optimum in steps of the same length."""
     matched = matched_problem(w_obs=0.0, theta=0.0)
     terms = equation(matched, along)
-    G, R = (float(M[0, 0]) for M in (matched.problem.system.G(jnp.zeros(1)), matched.problem.cost.R))
+    G, R = (
+        float(M[0, 0]) for M in (matched.problem.system.G(jnp.zeros(1)), matched.problem.cost.R)
+    )
     gap = exact(matched, terms, STEPS[0], MEANS) - lqg(matched.problem, matched.cov)
     # a node's rounding is that of log Psi, of the size it has at the ends of the grid, and moves u by as many nodes
     largest = terms.terminal(np.array([terms.reach]))[0] / terms.temperature
@@ -208,13 +237,17 @@ def lqg(problem: Problem, cov: np.ndarray) -> np.ndarray:
         controller = LQG(horizon=0, charge="start")
         plan = controller.init(problem)
         belief = partial(Belief, cov=jnp.asarray(cov))
-        return jax.vmap(lambda mean: controller.act(problem, belief(mean), plan, jax.random.key(0))[0][0])(means)
+        return jax.vmap(
+            lambda mean: controller.act(problem, belief(mean), plan, jax.random.key(0))[0][0]
+        )(means)
 
     return np.asarray(act(problem, MEANS[:, None]))
 
 
 def _control_panel(matched: Matched, terms: pde.Equation, sampled: Sampled) -> Panel:
-    line = np.arange(-45, 46) * terms.reach / (GRIDS[0][0] / 4)  # every second cell of the coarser grid
+    line = (
+        np.arange(-45, 46) * terms.reach / (GRIDS[0][0] / 4)
+    )  # every second cell of the coarser grid
     reach = quantile(len(MEANS), KEYS - 1) * sampled.error
     discrete = exact(matched, terms, STEPS[0], line)
     points = Line(
@@ -230,7 +263,9 @@ def _control_panel(matched: Matched, terms: pde.Equation, sampled: Sampled) -> P
         Line("exact expectation of (19)", line.tolist(), discrete.tolist(), "dashed"),
         points,
     ]
-    return Panel("Control at t = 0", "belief mean μ (dimensionless)", "control u₀ (dimensionless)", lines)
+    return Panel(
+        "Control at t = 0", "belief mean μ (dimensionless)", "control u₀ (dimensionless)", lines
+    )
 
 
 def _step_panel(lengths: list[float], distances: list[float]) -> Panel:

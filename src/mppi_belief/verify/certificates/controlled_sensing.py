@@ -31,7 +31,17 @@ from ...numerics.linalg import psd_factor
 from ...obstacles import Obstacles
 from ...planning import path_integral as pi
 from ...problem import Problem
-from ...results.certificate import EPSILON, Certificate, Check, Line, Panel, at_most, largest_z, order, rounding
+from ...results.certificate import (
+    EPSILON,
+    Certificate,
+    Check,
+    Line,
+    Panel,
+    at_most,
+    largest_z,
+    order,
+    rounding,
+)
 from ...systems import Steered
 from .. import steered_loops
 from ..matched_problem import Steady, sampled_costs
@@ -68,12 +78,27 @@ def problem(rng: np.random.Generator, nx: int, nu: int) -> Problem:
     B, root = rng.normal(size=(nx, nu)), rng.normal(size=(nu, nu))
     R = root @ root.T + np.eye(nu)
     H = np.linalg.cholesky(TEMPERATURE * B @ np.linalg.solve(R, B.T) + 0.2 * np.eye(nx))
-    plant: dict[str, Any] = {"A": A, "B": B, "C": np.eye(nu, nx), "channel": H, "sensor_noise": np.full(nu, 0.4)}
-    system = Steered(**plant, control_weight=jnp.asarray(R), temperature=TEMPERATURE, selector="matched")
+    plant: dict[str, Any] = {
+        "A": A,
+        "B": B,
+        "C": np.eye(nu, nx),
+        "channel": H,
+        "sensor_noise": np.full(nu, 0.4),
+    }
+    system = Steered(
+        **plant, control_weight=jnp.asarray(R), temperature=TEMPERATURE, selector="matched"
+    )
     q, phi = jnp.asarray(rng.uniform(0.5, 1.5, (2, nx)))
     nothing = Obstacles(jnp.zeros((0, nx)), 0.0)
     cost = GoalObstacleCost(jnp.zeros(nx), q, phi, jnp.asarray(R), nothing, 0.0, 1.0)
-    return Problem(system, cost, jnp.full(nx, 0.5), jnp.asarray(rng.uniform(0.5, 1.0, nx)), DURATION / STEPS, STEPS)
+    return Problem(
+        system,
+        cost,
+        jnp.full(nx, 0.5),
+        jnp.asarray(rng.uniform(0.5, 1.0, nx)),
+        DURATION / STEPS,
+        STEPS,
+    )
 
 
 def followed(at: Problem, method: str = "filter") -> Along:
@@ -112,7 +137,9 @@ def certify(seed: int = 0) -> Certificate:
 
 def _scale(ways: list[Along]) -> tuple[float, float]:
     """Operations of one solve, and the largest condition of a covariance, by which its rounding grows."""
-    return 4.0 * SIZES[-1][0] ** 3, max(float(np.max(np.linalg.cond(np.asarray(way.schedule.cov)))) for way in ways)
+    return 4.0 * SIZES[-1][0] ** 3, max(
+        float(np.max(np.linalg.cond(np.asarray(way.schedule.cov)))) for way in ways
+    )
 
 
 def _matched(ways: list[Along]) -> list[Check]:
@@ -120,11 +147,21 @@ def _matched(ways: list[Along]) -> list[Check]:
     operations, condition = _scale(ways)
     worst = max(float(jnp.max(way.left)) for way in ways)
     covs = [np.asarray(way.schedule.cov) for way in ways]
-    off = [np.max(np.abs(cov - linear_covariances(way.at))) for cov, way in zip(covs, ways, strict=True)]
+    off = [
+        np.max(np.abs(cov - linear_covariances(way.at)))
+        for cov, way in zip(covs, ways, strict=True)
+    ]
     largest = max(float(np.max(np.abs(cov))) for cov in covs)
     return [
-        rounding("2, 3, 4 states: residual of (15), a measurement every Δt", worst, operations, condition),
-        rounding("covariance of the filter less F Σ F' + (Q - λGR⁻¹G')Δt", max(off), operations * STEPS, largest),
+        rounding(
+            "2, 3, 4 states: residual of (15), a measurement every Δt", worst, operations, condition
+        ),
+        rounding(
+            "covariance of the filter less F Σ F' + (Q - λGR⁻¹G')Δt",
+            max(off),
+            operations * STEPS,
+            largest,
+        ),
     ]
 
 
@@ -147,19 +184,31 @@ def _authority(at: Problem) -> np.ndarray:
 def _limited(way: Along, rng: np.random.Generator) -> tuple[list[Check], Panel]:
     """Rotated sensors up to a limit, at covariances of the schedule."""
     rotation, _ = np.linalg.qr(rng.normal(size=(2, 2)))
-    values = np.asarray(_residuals(way.at, rotation, LIMITS, way.schedule.cov[1::8]))  # (limits, covariances)
+    values = np.asarray(
+        _residuals(way.at, rotation, LIMITS, way.schedule.cov[1::8])
+    )  # (limits, covariances)
     operations, condition = _scale([way])
     rise, worst = np.max(np.diff(values, axis=0) / values[:-1]), np.max(values[-1])
     computed = "the same: largest relative rise of the residual as the limit grows from 0.1"
     derived = "rounding: D grows with the limit in the order of matrices"
     checks = [
-        rounding("4 states, continuous, rotated sensor, no limit: residual of (15)", worst, operations, condition),
+        rounding(
+            "4 states, continuous, rotated sensor, no limit: residual of (15)",
+            worst,
+            operations,
+            condition,
+        ),
         at_most(computed, rise, operations * EPSILON * condition, derived),
     ]
     times = way.at.dt * (1 + 8 * np.arange(values.shape[1]))
-    lines = [Line(f"t = {times[k]:.1f}", LIMITS[5:-1].tolist(), values[5:-1, k].tolist()) for k in (0, 2, 8)]
+    lines = [
+        Line(f"t = {times[k]:.1f}", LIMITS[5:-1].tolist(), values[5:-1, k].tolist())
+        for k in (0, 2, 8)
+    ]
     title = "What a limited sensor leaves of (15)"
-    return checks, Panel(title, "largest signal-to-noise ratio of the sensor", "residual ε", lines, "x")
+    return checks, Panel(
+        title, "largest signal-to-noise ratio of the sensor", "residual ε", lines, "x"
+    )
 
 
 @quick_jit
@@ -169,8 +218,12 @@ def _residuals(at: Problem, rotation: Array, limits: Array, covs: Array) -> Arra
     turned = noise @ rotation @ jnp.linalg.inv(noise)
 
     def of(limit: Array, cov: Array) -> Array:
-        C = turned @ matching_sensor(jnp.linalg.cholesky(cov), G, at.cost.R, TEMPERATURE, noise, 0.0, limit)
-        return residual(kalman_bucy(cov, C, noise @ noise.T)[1], G, matched_weight(at.cost.R, TEMPERATURE))
+        C = turned @ matching_sensor(
+            jnp.linalg.cholesky(cov), G, at.cost.R, TEMPERATURE, noise, 0.0, limit
+        )
+        return residual(
+            kalman_bucy(cov, C, noise @ noise.T)[1], G, matched_weight(at.cost.R, TEMPERATURE)
+        )
 
     return jax.vmap(jax.vmap(of, (None, 0)), (0, None))(limits, covs)
 
@@ -186,8 +239,17 @@ def _value(way: Along, seed: int) -> list[Check]:
         errors.append(np.max(np.abs(_quadratic(found.P - P, means) + found.constant - constant)))
         lefts.append(np.max(np.abs(hjb(at, found, D[0], means))))
     return [
-        rounding("4 states: residual of (15), Riccati schedule", float(jnp.max(way.left)), operations, condition),
-        order("4 states: order of -λ log Ψ to the linear-quadratic value, Hamiltonian flow", 1.0, errors),
+        rounding(
+            "4 states: residual of (15), Riccati schedule",
+            float(jnp.max(way.left)),
+            operations,
+            condition,
+        ),
+        order(
+            "4 states: order of -λ log Ψ to the linear-quadratic value, Hamiltonian flow",
+            1.0,
+            errors,
+        ),
         order("4 states: order of what -λ log Ψ leaves of (13) at t = 0", 1.0, lefts),
         _sampled(way, seed),
     ]
@@ -207,7 +269,9 @@ def tilted(at: Problem, diffusions: np.ndarray, covs: np.ndarray) -> Value:
     later = (P, constant)
     for D, cov in zip(diffusions[::-1], covs[-2::-1], strict=True):
         later, grown = (P, constant), np.eye(len(q)) + P @ D * at.dt / TEMPERATURE
-        constant += 0.5 * TEMPERATURE * np.linalg.slogdet(grown)[1] + 0.5 * at.dt * float(np.sum(q * cov))
+        constant += 0.5 * TEMPERATURE * np.linalg.slogdet(grown)[1] + 0.5 * at.dt * float(
+            np.sum(q * cov)
+        )
         P = q * at.dt + F.T @ np.linalg.solve(grown, P) @ F
         P = (P + P.T) / 2
     return Value(P, constant, later)
@@ -238,7 +302,9 @@ def closed_value(at: Problem) -> tuple[np.ndarray, float]:
     flow = expm(-duration * np.block([[A, -authority], [-q, -A.T]]))
     X, Y = flow[:n, :n] + flow[:n, n:] @ phi, flow[n:, :n] + flow[n:, n:] @ phi
     # d/dt log det X = tr(A - G R^-1 G' P), and X(T) = I
-    return Y @ np.linalg.inv(X), 0.5 * TEMPERATURE * float(np.trace(A) * duration + np.linalg.slogdet(X)[1])
+    return Y @ np.linalg.inv(X), 0.5 * TEMPERATURE * float(
+        np.trace(A) * duration + np.linalg.slogdet(X)[1]
+    )
 
 
 def _sampled(way: Along, seed: int) -> Check:
@@ -249,7 +315,9 @@ def _sampled(way: Along, seed: int) -> Check:
     along, z = Steady(jnp.asarray(covs), jnp.asarray(D), factors, ranks), []
     for j, mean in enumerate([np.full(len(exact.P), 0.3), np.linspace(-0.5, 0.5, len(exact.P))]):
         V = float(_quadratic(exact.P, mean[None])[0]) + exact.constant
-        ratios = np.asarray(_relative(at, mean, along, V, jax.random.split(jax.random.key(seed + j), KEYS)))
+        ratios = np.asarray(
+            _relative(at, mean, along, V, jax.random.split(jax.random.key(seed + j), KEYS))
+        )
         z.append((ratios.mean() - 1) / (ratios.std(ddof=1) / np.sqrt(KEYS)))
     return largest_z("4 states: sampled Ψ over the integral, less 1, at two means", z, KEYS - 1)
 

@@ -30,7 +30,17 @@ from ...costs import GoalObstacleCost
 from ...filters import EKF
 from ...obstacles import Obstacles
 from ...problem import Belief, Problem, System
-from ...results.certificate import EPSILON, Certificate, Check, Line, Panel, at_least, at_most, order, rounding
+from ...results.certificate import (
+    EPSILON,
+    Certificate,
+    Check,
+    Line,
+    Panel,
+    at_least,
+    at_most,
+    order,
+    rounding,
+)
 from ...simulate import simulate_trial
 from ...systems import LightDark, Linear
 
@@ -45,7 +55,11 @@ H = np.array([[0.0, 0.0], [0.5, 0.0], [0.0, 0.4]])
 SENSOR = np.array([0.3, 0.5])
 Q, R_O = H @ H.T, np.diag(SENSOR**2)
 
-DURATION, STEPS, PIECES = 1.0, 20, (1, 2, 4, 8, 16)  # a schedule is made in pieces of STEPS, which compile once
+DURATION, STEPS, PIECES = (
+    1.0,
+    20,
+    (1, 2, 4, 8, 16),
+)  # a schedule is made in pieces of STEPS, which compile once
 LOCAL = 1e-12  # what the reference's integrator may be off by in a step
 REPEATS = 20  # control sequences, and trials
 SETTLED, DT = 50, 0.1  # pieces and time step after which nothing changes
@@ -65,7 +79,9 @@ class Reference(NamedTuple):
 def problem_of(system: System, dt: float, mean: Array, std: Array, nu: int) -> Problem:
     """A system with some quadratic cost, STEPS steps of it."""
     ones = jnp.ones(len(mean))
-    cost = GoalObstacleCost(0 * ones, ones, ones, jnp.ones(nu), Obstacles(jnp.zeros((0, len(mean))), 0), 0, 1)
+    cost = GoalObstacleCost(
+        0 * ones, ones, ones, jnp.ones(nu), Obstacles(jnp.zeros((0, len(mean))), 0), 0, 1
+    )
     return Problem(system, cost, mean, std, dt, STEPS)
 
 
@@ -79,7 +95,9 @@ def linear(dt: float) -> Problem:
 def light_dark(dt: float) -> Problem:
     """The light-dark system of Sec. VII, seen better the nearer it is to the light."""
     system = LightDark(Obstacles(jnp.zeros((0, 2)), 0), 0.3, 5.0, 0.5**0.5, 0.1, "intensity")
-    return problem_of(system, dt, jnp.array([1.0, 1.0, 0.0, 0.0]), jnp.array([0.2, 0.2, 0.05, 0.05]), 2)
+    return problem_of(
+        system, dt, jnp.array([1.0, 1.0, 0.0, 0.0]), jnp.array([0.2, 0.2, 0.05, 0.05]), 2
+    )
 
 
 def along(schedule: Schedule, problem: Problem, pieces: int, method: str) -> GainSchedule:
@@ -99,7 +117,9 @@ def reference() -> Reference:
     def flat(_: float, cov: Reals) -> Reals:
         return np.asarray(rate(cov.reshape(start.shape))).ravel()
 
-    found = solve_ivp(flat, (0, DURATION), start.ravel(), method="DOP853", rtol=LOCAL, atol=LOCAL * start.max())
+    found = solve_ivp(
+        flat, (0, DURATION), start.ravel(), method="DOP853", rtol=LOCAL, atol=LOCAL * start.max()
+    )
     covs = found.y.T.reshape(-1, *start.shape)
     K, D = kalman_bucy(jnp.asarray(covs[-1]), jnp.asarray(C), jnp.asarray(R_O))
     condition = float(np.max(np.linalg.cond(covs)))
@@ -125,9 +145,13 @@ def limits(schedule: Schedule) -> tuple[list[Check], Panel]:
     steps = [DURATION / (pieces * STEPS) for pieces in PIECES]
     for pieces, dt in zip(PIECES, steps, strict=True):
         found = along(schedule, linear(dt), pieces, "filter")
-        for name, value in zip(truth, (found.cov[-1], found.gain[-1] / dt, found.diffusion[-1]), strict=True):
+        for name, value in zip(
+            truth, (found.cov[-1], found.gain[-1] / dt, found.diffusion[-1]), strict=True
+        ):
             values[name].append(np.asarray(value))
-        exact_step.append(distance(along(schedule, linear(dt), pieces, "riccati").cov[-1], exact.cov))
+        exact_step.append(
+            distance(along(schedule, linear(dt), pieces, "riccati").cov[-1], exact.cov)
+        )
     errors = {name: [distance(value, truth[name]) for value in values[name]] for name in truth}
     rounded = PIECES[-1] * STEPS * exact.condition * OPERATIONS * EPSILON * norm(exact.cov)
     said = "Σ at T by the exact Riccati step, 20 to 320 steps, against an integrator"
@@ -138,8 +162,12 @@ def limits(schedule: Schedule) -> tuple[list[Check], Panel]:
         at_most(said, max(exact_step), exact.error + rounded, derived),
     ]
     lines = [Line(name, steps, off) for name, off in errors.items()]
-    lines.append(Line("order 1", steps, [1.6 * errors["Σ"][0] * dt / steps[0] for dt in steps], "dashed"))
-    return checks, Panel("The discrete filter tends to (8b)(9)", "Δt (s)", "error at T (Frobenius)", lines, "xy")
+    lines.append(
+        Line("order 1", steps, [1.6 * errors["Σ"][0] * dt / steps[0] for dt in steps], "dashed")
+    )
+    return checks, Panel(
+        "The discrete filter tends to (8b)(9)", "Δt (s)", "error at T (Frobenius)", lines, "xy"
+    )
 
 
 def extrapolation(values: dict[str, list[Reals]], truth: dict[str, Reals]) -> Check:
@@ -149,13 +177,20 @@ def extrapolation(values: dict[str, list[Reals]], truth: dict[str, Reals]) -> Ch
         before, last = (2 * found[j] - found[j - 1] for j in (-2, -1))
         ratios.append(distance(last, truth[name]) / distance(last, before))
     said = "extrapolated limits of Σ, K/Δt, D: distance from (8b)(9) over their last change"
-    return at_most(said, max(ratios), 2 / 3, "of second order: a third of the last change is missing; twice that")
+    return at_most(
+        said,
+        max(ratios),
+        2 / 3,
+        "of second order: a third of the last change is missing; twice that",
+    )
 
 
 def under_controls(problem: Problem, controls: Array) -> GainSchedule:
     """The filter's schedules for each of controls (N, STEPS, nu), by the same compiled operations."""
     at = prior(problem)
-    return jax.jit(lambda each: jax.lax.map(lambda u: gain_schedule(problem, at, u), each))(controls)
+    return jax.jit(lambda each: jax.lax.map(lambda u: gain_schedule(problem, at, u), each))(
+        controls
+    )
 
 
 def differing(parts: Reals) -> int:
@@ -169,7 +204,10 @@ def independence(problem: Problem, seed: int) -> list[Check]:
     planned = under_controls(problem, jnp.asarray(rng.normal(size=(REPEATS, STEPS, 1)) * 5))
     run = partial(simulate_trial, problem, EKF(), LQG(0, "start"), seed)
     looped = jax.jit(lambda numbers: jax.lax.map(run, numbers))(jnp.arange(REPEATS)).beliefs.cov
-    bits = sum(differing(np.asarray(part)) for part in (planned.cov, planned.gain, planned.diffusion, looped))
+    bits = sum(
+        differing(np.asarray(part))
+        for part in (planned.cov, planned.gain, planned.diffusion, looped)
+    )
     covs = np.asarray(looped)
     kalman = recursion(covs[0, 0], STEPS)
     apart = np.max(np.linalg.norm(covs - kalman, axis=(-2, -1)))
@@ -177,7 +215,10 @@ def independence(problem: Problem, seed: int) -> list[Check]:
     return [
         at_most(said, bits, 0, "nothing that is random enters: the same operations"),
         rounding(
-            "EKF's Σ in closed loop against NumPy's recursion", apart, 2 * amplified(kalman), max(map(norm, kalman))
+            "EKF's Σ in closed loop against NumPy's recursion",
+            apart,
+            2 * amplified(kalman),
+            max(map(norm, kalman)),
         ),
     ]
 
@@ -197,14 +238,19 @@ def transient(schedule: Schedule) -> list[Check]:
     (9) of the discrete filter is what a measurement takes off the covariance; (8a)(9) of the other are those at t_k.
     """
     filtered, flowed = (along(schedule, linear(DT), 1, method) for method in ("filter", "riccati"))
-    F, before, after = np.eye(len(A)) + A * DT, np.asarray(filtered.cov)[:-1], np.asarray(filtered.cov)[1:]
+    F, before, after = (
+        np.eye(len(A)) + A * DT,
+        np.asarray(filtered.cov)[:-1],
+        np.asarray(filtered.cov)[1:],
+    )
     ahead = F @ before @ F.T + Q * DT
     S, now = C @ ahead @ C.T + R_O / DT, np.asarray(flowed.cov)[:-1]
     taken = relative(np.asarray(filtered.diffusion) * DT, ahead - after, ahead)
     gained = relative(np.asarray(filtered.gain) @ S, ahead @ C.T, ahead)
     K = now @ C.T @ np.linalg.inv(R_O)
     held = max(
-        relative(np.asarray(flowed.gain), K, K), relative(np.asarray(flowed.diffusion), K @ C @ now, K @ C @ now)
+        relative(np.asarray(flowed.gain), K, K),
+        relative(np.asarray(flowed.diffusion), K @ C @ now, K @ C @ now),
     )
     return [
         rounding(
@@ -237,7 +283,9 @@ def steered(seed: int) -> Check:
     controls = np.repeat(rng.normal(size=(REPEATS, 1, 2)) * 3, STEPS, axis=1)
     covs = np.asarray(under_controls(light_dark(DT), jnp.asarray(controls)).cov)
     traces = np.trace(covs[:, -1], axis1=-2, axis2=-1)
-    rounded = max(2 * amplified(each) * each.shape[-1] * max(map(norm, each)) for each in covs) * EPSILON
+    rounded = (
+        max(2 * amplified(each) * each.shape[-1] * max(map(norm, each)) for each in covs) * EPSILON
+    )
     said = "light-dark: spread of tr Σ at T over random controls"
     return at_least(said, np.ptp(traces), rounded, "what rounding could make of equal traces")
 
@@ -250,18 +298,35 @@ def settled(schedule: Schedule) -> list[Check]:
     """
     problem = linear(DT)
     F = np.eye(3) + A * DT
-    continuous, discrete = solve_continuous_are(A.T, C.T, Q, R_O), solve_discrete_are(F.T, C.T, Q * DT, R_O / DT)
+    continuous, discrete = (
+        solve_continuous_are(A.T, C.T, Q, R_O),
+        solve_discrete_are(F.T, C.T, Q * DT, R_O / DT),
+    )
     flowed = along(schedule, problem, SETTLED, "riccati").cov[-1]
     filtered = along(schedule, problem, SETTLED, "filter")
     ahead = predict(problem, Belief(filtered.mean[-1], filtered.cov[-1]), jnp.zeros(1)).cov
     K = discrete @ C.T @ np.linalg.inv(C @ discrete @ C.T + R_O / DT)
     checks = []
     for name, found, truth, Phi in (
-        ("Riccati step, settled, against the continuous algebraic equation", flowed, continuous, flow(continuous)),
-        ("discrete filter, settled and predicted, against the discrete one", ahead, discrete, F @ (np.eye(3) - K @ C)),
+        (
+            "Riccati step, settled, against the continuous algebraic equation",
+            flowed,
+            continuous,
+            flow(continuous),
+        ),
+        (
+            "discrete filter, settled and predicted, against the discrete one",
+            ahead,
+            discrete,
+            F @ (np.eye(3) - K @ C),
+        ),
     ):
         separation = np.linalg.svd(np.eye(9) - np.kron(Phi, Phi), compute_uv=False)[-1]
-        checks.append(rounding(name, distance(found, truth), np.ceil(2 * OPERATIONS / separation), norm(truth)))
+        checks.append(
+            rounding(
+                name, distance(found, truth), np.ceil(2 * OPERATIONS / separation), norm(truth)
+            )
+        )
     return checks
 
 
@@ -282,5 +347,11 @@ def certify(seed: int = 0) -> Certificate:
         " the vehicle goes."
     )
     name, statement = "deterministic_covariance", "Proposition 2, deterministic covariance"
-    checks = [*checks, *transient(schedule), *independence(linear(DT), seed), *settled(schedule), steered(seed)]
+    checks = [
+        *checks,
+        *transient(schedule),
+        *independence(linear(DT), seed),
+        *settled(schedule),
+        steered(seed),
+    ]
     return Certificate(name, statement, text, checks, [panel])

@@ -28,13 +28,38 @@ from ...belief.cost import risk_sensitive, running_moments
 from ...costs import GoalObstacleCost
 from ...obstacles import Obstacles
 from ...problem import Belief
-from ...results.certificate import EPSILON, Certificate, Check, Line, Panel, at_least, at_most, near, order
+from ...results.certificate import (
+    EPSILON,
+    Certificate,
+    Check,
+    Line,
+    Panel,
+    at_least,
+    at_most,
+    near,
+    order,
+)
 
 # Sec. VII and the calibrated weights of the experiments; positions alone, on which the penalty depends
-CENTERS, RADIUS, W_OBS, WIDTH, GOAL, WEIGHT = ((3.0, 1.0), (3.0, -1.0)), 0.65, 300.0, 0.26, (7.0, 0.0), 1.0
-PLACE, SPREAD, THETA = (3.0, 1.8), 0.35, 1.0  # a belief beside an obstacle, m, and theta of Sec. VII
+CENTERS, RADIUS, W_OBS, WIDTH, GOAL, WEIGHT = (
+    ((3.0, 1.0), (3.0, -1.0)),
+    0.65,
+    300.0,
+    0.26,
+    (7.0, 0.0),
+    1.0,
+)
+PLACE, SPREAD, THETA = (
+    (3.0, 1.8),
+    0.35,
+    1.0,
+)  # a belief beside an obstacle, m, and theta of Sec. VII
 HALVED = 2.0 ** -np.arange(6)
-REACH, FINE, COARSE = 9.5, 0.0125, 0.1  # of the sums, in standard deviations; the fine one resolves theta w_obs = 900
+REACH, FINE, COARSE = (
+    9.5,
+    0.0125,
+    0.1,
+)  # of the sums, in standard deviations; the fine one resolves theta w_obs = 900
 THETAS = np.geomspace(1e-5, 3.0, 60)
 
 
@@ -61,7 +86,9 @@ class Plane(NamedTuple):
     def entropic_risk(self, theta: float) -> float:
         """rho(theta)."""
         largest, mean = float(np.max(self.cost)), self.mean(self.cost)
-        if theta * (largest - mean) > 30:  # where exp would soon overflow, E exp - 1 no longer cancels
+        if (
+            theta * (largest - mean) > 30
+        ):  # where exp would soon overflow, E exp - 1 no longer cancels
             return largest + math.log(self.mean(np.exp(theta * (self.cost - largest)))) / theta
         return mean + math.log1p(self.mean(np.expm1(theta * (self.cost - mean)))) / theta
 
@@ -89,7 +116,10 @@ class Quadratic(NamedTuple):
         if theta >= self.pole:
             return math.inf
         kept = np.eye(len(self.offset)) - theta * self.spread
-        return float(-0.5 * np.linalg.slogdet(kept)[1] / theta + 0.5 * self.slope @ np.linalg.solve(kept, self.offset))
+        return float(
+            -0.5 * np.linalg.slogdet(kept)[1] / theta
+            + 0.5 * self.slope @ np.linalg.solve(kept, self.offset)
+        )
 
 
 class Expansion(NamedTuple):
@@ -128,7 +158,9 @@ def plane(cost: GoalObstacleCost, belief: Belief, risk: str, step: float) -> Pla
     z = step * np.arange(-round(REACH / step), round(REACH / step) + 1)
     whitened = np.stack(np.meshgrid(z, z, indexing="ij"), axis=-1)
     points = np.asarray(belief.mean) + whitened.reshape(-1, 2) @ np.linalg.cholesky(belief.cov).T
-    base, penalty = (np.asarray(v).reshape(len(z), len(z)) for v in _values(cost, jnp.asarray(points)))
+    base, penalty = (
+        np.asarray(v).reshape(len(z), len(z)) for v in _values(cost, jnp.asarray(points))
+    )
     density = step / math.sqrt(2 * math.pi) * np.exp(-(z**2) / 2)
     return Plane(penalty if risk == "penalty" else base + penalty, np.outer(density, density))
 
@@ -141,11 +173,18 @@ def _risks(cost: GoalObstacleCost, belief: Belief, risk: str, thetas: Array) -> 
 
 
 def expansion(
-    name: str, law: Plane | Quadratic, cost: GoalObstacleCost, belief: Belief, risk: str, thetas: np.ndarray
+    name: str,
+    law: Plane | Quadratic,
+    cost: GoalObstacleCost,
+    belief: Belief,
+    risk: str,
+    thetas: np.ndarray,
 ) -> Expansion:
     """The package's q_RS beside the exact risk at thetas (T,)."""
     exact = np.array([law.entropic_risk(theta) for theta in thetas])
-    return Expansion(name, law, thetas, np.asarray(_risks(cost, belief, risk, jnp.asarray(thetas))), exact)
+    return Expansion(
+        name, law, thetas, np.asarray(_risks(cost, belief, risk, jnp.asarray(thetas))), exact
+    )
 
 
 def quadratic_expansion(rng: np.random.Generator) -> Expansion:
@@ -161,13 +200,24 @@ def quadratic_expansion(rng: np.random.Generator) -> Expansion:
 
 def bump_expansions(rng: np.random.Generator) -> list[Expansion]:
     """Costs with bumps, each under a belief drawn from beside an obstacle."""
-    kinds = (("one bump", CENTERS[:1], "penalty"), ("two bumps", CENTERS, "penalty"), ("whole cost", CENTERS, "total"))
+    kinds = (
+        ("one bump", CENTERS[:1], "penalty"),
+        ("two bumps", CENTERS, "penalty"),
+        ("whole cost", CENTERS, "total"),
+    )
     found = []
     for name, centers, risk in kinds:
-        (turn, way), distance, std = rng.uniform(0, 2 * np.pi, 2), rng.uniform(0.65, 1), rng.uniform(0.2, 0.5, 2)
+        (turn, way), distance, std = (
+            rng.uniform(0, 2 * np.pi, 2),
+            rng.uniform(0.65, 1),
+            rng.uniform(0.2, 0.5, 2),
+        )
         axes = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
         mean = np.array(CENTERS[0]) + distance * np.array([np.cos(way), np.sin(way)])
-        cost, belief = goal_cost(centers), Belief(jnp.asarray(mean), jnp.asarray(axes @ np.diag(std**2) @ axes.T))
+        cost, belief = (
+            goal_cost(centers),
+            Belief(jnp.asarray(mean), jnp.asarray(axes @ np.diag(std**2) @ axes.T)),
+        )
         law = plane(cost, belief, risk, COARSE)
         _, variance, third = law.cumulants()
         found.append(expansion(name, law, cost, belief, risk, 0.3 * variance / third * HALVED))
@@ -196,7 +246,11 @@ def certify(seed: int = 0) -> Certificate:
         "with these calibrated numbers, is a penalty on the variance of the cost, not the entropic risk, here nearly "
         "the worst case. For quadratic costs ρ is infinite from θ λ_max(Σ W) = 1 on, where q_RS is still finite."
     )
-    panels = [_quadratic_panel(quadratic), _penalty_panel(penalty, law), _error_panel([quadratic, *bumps])]
+    panels = [
+        _quadratic_panel(quadratic),
+        _penalty_panel(penalty, law),
+        _error_panel([quadratic, *bumps]),
+    ]
     return Certificate("entropic_risk", "Remark 4, risk-sensitive cost", text, checks, panels)
 
 
@@ -212,12 +266,17 @@ def _coefficient(case: Expansion) -> Check:
     # two corrections: either term may happen to be nothing
     tolerance = 6 * (abs(twice[-1] - once[-1]) + abs(twice[-1] - twice[-2])) / abs(third)
     computed = f"(ρ - q_RS) / θ² for θ → 0 over κ₃/6, {case.name}"
-    return near(computed, 6 * twice[-1] / third, 1.0, tolerance, "the last two Richardson corrections")
+    return near(
+        computed, 6 * twice[-1] / third, 1.0, tolerance, "the last two Richardson corrections"
+    )
 
 
 def _tightest(checks: Sequence[Check]) -> Check:
     """Of several two-sided checks one that fails, or else the one that is nearest to failing."""
-    worst = max(checks, key=lambda c: abs(2 * c.value - c.low - c.high) / (c.high - c.low) if c.holds else math.inf)
+    worst = max(
+        checks,
+        key=lambda c: abs(2 * c.value - c.low - c.high) / (c.high - c.low) if c.holds else math.inf,
+    )
     return worst._replace(computed=f"{worst.computed}: the worst of {len(checks)} costs")
 
 
@@ -229,16 +288,44 @@ def _reach_checks(penalty: Expansion, law: Plane) -> list[Check]:
     passed = brentq(lambda theta: _expanded(theta) - top, 0, THETA, xtol=EPSILON, rtol=8 * EPSILON)
     tolerance = abs(limit - apart) + 1e3 * EPSILON * limit
     least = float(np.min(np.diff(exact, prepend=expected)))
-    inexact = max(abs(law.coarser().entropic_risk(t) - law.entropic_risk(t)) for t in (THETAS[0], THETAS[-1]))
-    above, valid = _crossings(law, exact, expected, variance / 2)[-1], _crossings(law, exact, expected, variance)[0]
+    inexact = max(
+        abs(law.coarser().entropic_risk(t) - law.entropic_risk(t)) for t in (THETAS[0], THETAS[-1])
+    )
+    above, valid = (
+        _crossings(law, exact, expected, variance / 2)[-1],
+        _crossings(law, exact, expected, variance)[0],
+    )
     bound = "a lower bound by P(q > s), any s; the supremum"
     return [
-        near("θ at which q_RS passes the penalty's supremum", passed, limit, tolerance, "2 (sup - E) / Var, two sums"),
-        at_most("θ from which on q_RS is larger than ρ", above, limit, "the θ at which q_RS passes sup ≥ ρ"),
-        at_most("least θ where ρ - q_RS is as large as the term θ/2 Var", valid, THETA, "θ of Sec. VII"),
-        at_least("q_RS at θ = 1", float(penalty.expanded[-1]), top, "the penalty's supremum, which bounds ρ"),
+        near(
+            "θ at which q_RS passes the penalty's supremum",
+            passed,
+            limit,
+            tolerance,
+            "2 (sup - E) / Var, two sums",
+        ),
+        at_most(
+            "θ from which on q_RS is larger than ρ",
+            above,
+            limit,
+            "the θ at which q_RS passes sup ≥ ρ",
+        ),
+        at_most(
+            "least θ where ρ - q_RS is as large as the term θ/2 Var", valid, THETA, "θ of Sec. VII"
+        ),
+        at_least(
+            "q_RS at θ = 1",
+            float(penalty.expanded[-1]),
+            top,
+            "the penalty's supremum, which bounds ρ",
+        ),
         Check("ρ at θ = 1", float(penalty.exact[-1]), _lower_bound(THETA), top, bound),
-        at_least("least of ρ - E and the steps of ρ(θ)", least, inexact, "Jensen, Hölder: positive; error of sums"),
+        at_least(
+            "least of ρ - E and the steps of ρ(θ)",
+            least,
+            inexact,
+            "Jensen, Hölder: positive; error of sums",
+        ),
     ]
 
 
@@ -260,13 +347,19 @@ def _crossings(law: Plane, exact: np.ndarray, expected: float, slope: float) -> 
 def _lower_bound(theta: float) -> float:
     """rho >= s + log P(q >= s) / theta, q at least its value on a disc about the centre; the best of many discs."""
     radii = np.geomspace(1e-3, 1, 200)
-    inside = ncx2.cdf((radii / SPREAD) ** 2, 2, np.sum((np.array(PLACE) - CENTERS[0]) ** 2) / SPREAD**2)
+    inside = ncx2.cdf(
+        (radii / SPREAD) ** 2, 2, np.sum((np.array(PLACE) - CENTERS[0]) ** 2) / SPREAD**2
+    )
     return float(np.max(W_OBS * np.exp(-(radii**2) / (2 * WIDTH**2)) + np.log(inside) / theta))
 
 
 def _quadratic_panel(case: Expansion) -> Panel:
     law, (mean, variance, _) = case.law, case.law.cumulants()
-    thetas = 10 * case.thetas[0] * np.append(np.geomspace(1e-3, 0.3, 60), 1 - np.geomspace(0.7, 0.02, 40)[1:])
+    thetas = (
+        10
+        * case.thetas[0]
+        * np.append(np.geomspace(1e-3, 0.3, 60), 1 - np.geomspace(0.7, 0.02, 40)[1:])
+    )
     lines = [
         Line("entropic risk ρ", list(thetas), [law.entropic_risk(theta) for theta in thetas]),
         Line("q_RS", list(thetas), list(mean + thetas / 2 * variance)),
@@ -283,17 +376,28 @@ def _penalty_panel(penalty: Expansion, law: Plane) -> Panel:
         Line("E[q]", ends, [mean, mean], "dashed"),
         Line("supremum of the penalty", ends, [W_OBS, W_OBS], "dashed"),
     ]
-    return Panel("The obstacle penalty of the experiments", "risk aversion θ (s)", "penalty (1/s)", lines, "xy")
+    return Panel(
+        "The obstacle penalty of the experiments",
+        "risk aversion θ (s)",
+        "penalty (1/s)",
+        lines,
+        "xy",
+    )
 
 
 def _error_panel(cases: Sequence[Expansion]) -> Panel:
     """In units of the cost's standard deviation; the coefficient is then a sixth of its skewness."""
     deviations = [math.sqrt(case.law.cumulants()[1]) for case in cases]
     lines = [
-        Line(c.name, list(c.thetas * s), list(c.errors / s), "points") for c, s in zip(cases, deviations, strict=True)
+        Line(c.name, list(c.thetas * s), list(c.errors / s), "points")
+        for c, s in zip(cases, deviations, strict=True)
     ]
     ends, x, y = np.array([0.02, 1.0]), lines[0].x[0], lines[0].y[0]
     lines.append(Line("order 2", list(ends * x), list(ends**2 * y), "dashed"))
     return Panel(
-        "What q_RS leaves out", "risk aversion θ (1 / std[q])", "what is left out, ρ - q_RS (std[q])", lines, "xy"
+        "What q_RS leaves out",
+        "risk aversion θ (1 / std[q])",
+        "what is left out, ρ - q_RS (std[q])",
+        lines,
+        "xy",
     )

@@ -16,7 +16,16 @@ from jax import Array
 
 from ...planning import path_integral as pi
 from ...problem import Problem
-from ...results.certificate import Certificate, Check, Line, Panel, largest_z, order, quantile, within_errors
+from ...results.certificate import (
+    Certificate,
+    Check,
+    Line,
+    Panel,
+    largest_z,
+    order,
+    quantile,
+    within_errors,
+)
 from .. import pde
 from ..matched_problem import (
     Matched,
@@ -85,11 +94,18 @@ def certify(seed: int = 0) -> Certificate:
     along = steady(with_grid(matched, matched.duration, 2 * COARSE), matched.cov)
     terms = equation(matched, along)
     for_points, for_rate = jax.random.split(jax.random.key(seed))
-    points, found = at_points(matched, along, terms, for_points), at_one(matched, along, terms, for_rate)
+    points, found = (
+        at_points(matched, along, terms, for_points),
+        at_one(matched, along, terms, for_rate),
+    )
     places = f"{points.z.size} points (t, μ)"
     checks = [
         *_orders(terms, points),
-        largest_z(f"(17) at {places}: largest distance from (16), extrapolated over Δt", points.z, BATCHES - 1),
+        largest_z(
+            f"(17) at {places}: largest distance from (16), extrapolated over Δt",
+            points.z,
+            BATCHES - 1,
+        ),
         *_at_one(terms, found),
     ]
     panels = [_psi_panel(terms, points), _rate_panel(found)]
@@ -133,7 +149,10 @@ def solution(terms: pde.Equation) -> tuple[np.ndarray, np.ndarray]:
     values = []
     for cells, steps in GRIDS:
         on = pde.grid(terms, cells, steps)
-        rows, columns = np.rint(TIMES * steps).astype(int), np.rint((MEANS + on.points[-1]) / on.h).astype(int)
+        rows, columns = (
+            np.rint(TIMES * steps).astype(int),
+            np.rint((MEANS + on.points[-1]) / on.h).astype(int),
+        )
         values.append(pde.desirability(terms, on)[np.ix_(rows, columns)])
     coarse, fine = values
     return fine + (fine - coarse) / 3, np.abs(fine - coarse) / 3
@@ -156,7 +175,9 @@ def at_points(matched: Matched, along: Steady, terms: pde.Equation, key: Array) 
 
 
 @jax.jit
-def _batches(coarse: Problem, fine: Problem, matched: Matched, along: Steady, means: Array, key: Array) -> Array:
+def _batches(
+    coarse: Problem, fine: Problem, matched: Matched, along: Steady, means: Array, key: Array
+) -> Array:
     """log Psi (means, 2, batches) for the coarse and the fine step along the same Brownian paths."""
     eps = jnp.sqrt(fine.dt) * pi.normals(key, (2 * COARSE, 1, BATCHES * PER_BATCH), False)
     of_batches = jax.vmap(partial(pi.log_desirability, temperature=matched.temperature))
@@ -174,8 +195,17 @@ def at_one(matched: Matched, along: Steady, terms: pde.Equation, key: Array) -> 
     the temperature."""
     costs, _ = pooled_costs(matched, along, RATE_MEAN, key, found_paths())
     truth, second = (
-        float(np.exp(pde.Discrete(terms._replace(temperature=heat), COARSE, terms.duration).log_psi(at)[0]))
-        for heat, at in ((terms.temperature, np.array([RATE_MEAN])), (terms.temperature / 2, np.array([RATE_MEAN])))
+        float(
+            np.exp(
+                pde.Discrete(terms._replace(temperature=heat), COARSE, terms.duration).log_psi(at)[
+                    0
+                ]
+            )
+        )
+        for heat, at in (
+            (terms.temperature, np.array([RATE_MEAN])),
+            (terms.temperature / 2, np.array([RATE_MEAN])),
+        )
     )
     variance = second - truth**2
     weights = np.exp(-costs / matched.temperature)
@@ -202,7 +232,9 @@ def _orders(terms: pde.Equation, points: Points) -> list[Check]:
     errors = [rms(psi - points.exact[0]) for psi in levels]
     said = "the same, extrapolated to Δt = 0: largest distance from (16) over its error"
     return [
-        order("exact expectation of (17) over (18): RMS distance from (16), order in Δt", 1, errors),
+        order(
+            "exact expectation of (17) over (18): RMS distance from (16), order in Δt", 1, errors
+        ),
         limit_check(said, levels, points.exact[0], points.exact_error[0]),
     ]
 
@@ -218,13 +250,19 @@ def _psi_panel(terms: pde.Equation, points: Points) -> Panel:
         Line("Monte Carlo (17)", MEANS.tolist(), sampled.tolist(), "points", low, high),
     ]
     return Panel(
-        "Desirability at t = 0", "belief mean μ (dimensionless)", "desirability Ψ(0, μ) (dimensionless)", lines
+        "Desirability at t = 0",
+        "belief mean μ (dimensionless)",
+        "desirability Ψ(0, μ) (dimensionless)",
+        lines,
     )
 
 
 def _rate_panel(found: Rate) -> Panel:
     law = found.mean_error * np.sqrt(BATCHES * SIZES.sum() / SIZES)
-    low, high = (found.rms * (1 - 2 * found.relative)).tolist(), (found.rms * (1 + 2 * found.relative)).tolist()
+    low, high = (
+        (found.rms * (1 - 2 * found.relative)).tolist(),
+        (found.rms * (1 + 2 * found.relative)).tolist(),
+    )
     return Panel(
         "Error of the Monte Carlo desirability",
         "number of samples N",

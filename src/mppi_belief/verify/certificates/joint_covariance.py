@@ -25,7 +25,16 @@ from ...costs import GoalObstacleCost
 from ...obstacles import Obstacles
 from ...planning import path_integral as pi
 from ...problem import Problem
-from ...results.certificate import Certificate, Check, Line, Panel, at_least, order, quantile, within_errors
+from ...results.certificate import (
+    Certificate,
+    Check,
+    Line,
+    Panel,
+    at_least,
+    order,
+    quantile,
+    within_errors,
+)
 from ...structs import choice, number, struct
 from ..precision import quick_jit, rms
 
@@ -94,7 +103,9 @@ LIT = Lit(0.4, 0.5, 0.4, 1.5, "intensity")
 def problem_of(steps: int) -> Problem:
     """The scalar problem in so many steps."""
     one = jnp.ones(1)
-    cost = GoalObstacleCost(0 * one, one, 2 * one, one, Obstacles(0.8 * jnp.ones((1, 1)), 0), 1.5, 0.5)
+    cost = GoalObstacleCost(
+        0 * one, one, 2 * one, one, Obstacles(0.8 * jnp.ones((1, 1)), 0), 1.5, 0.5
+    )
     return Problem(LIT, cost, 0 * one, one, DURATION / steps, steps)
 
 
@@ -103,17 +114,27 @@ def certify(seed: int = 0) -> Certificate:
     levels = [recursion(problem_of(steps)) for steps in LEVELS]
     residuals = [residual(problem_of(len(level)), level) for level in levels]
     checks = [
-        order("equation in (μ, Σ): RMS residual of the recursion's V, order in Δt", 1, [rms(r) for r in residuals])
+        order(
+            "equation in (μ, Σ): RMS residual of the recursion's V, order in Δt",
+            1,
+            [rms(r) for r in residuals],
+        )
     ]
     problem = problem_of(LEVELS[1])
     for start, key in zip(STARTS, jax.random.split(jax.random.key(seed), len(STARTS)), strict=True):
         checks += _at(problem, levels[1], start, key)
     return Certificate(
-        "joint_covariance", "Corollary 5 with a covariance for every path", TEXT, checks, [_panel(levels[-1])]
+        "joint_covariance",
+        "Corollary 5 with a covariance for every path",
+        TEXT,
+        checks,
+        [_panel(levels[-1])],
     )
 
 
-def _at(problem: Problem, values: list[RectBivariateSpline], start: tuple[float, float], key: Array) -> list[Check]:
+def _at(
+    problem: Problem, values: list[RectBivariateSpline], start: tuple[float, float], key: Array
+) -> list[Check]:
     mean, std = start
     log_psi, control = exact(problem, values, np.array([mean]), np.array([std**2]))
     found = sampled(problem, mean, std, key)
@@ -126,7 +147,9 @@ def _at(problem: Problem, values: list[RectBivariateSpline], start: tuple[float,
             1.0,
             found.psi_error / np.exp(log_psi[0]),
         ),
-        within_errors(f"(19) {where}: the first control", found.control, control[0], found.control_error),
+        within_errors(
+            f"(19) {where}: the first control", found.control, control[0], found.control_error
+        ),
         at_least(
             f"V {where}, were the covariance shared: how far off",
             abs(found.shared),
@@ -139,7 +162,9 @@ def _at(problem: Problem, values: list[RectBivariateSpline], start: tuple[float,
 def recursion(problem: Problem) -> list[RectBivariateSpline]:
     """log Psi over (mu, log Sigma) at steps 1..H of the discrete problem, `charge: end`."""
     mu, variance = np.meshgrid(MEANS, VARIANCES, indexing="ij")
-    terminal = quick_jit(jax.vmap(lambda m, s: expected_terminal(problem.cost, m[None], s[None, None])))
+    terminal = quick_jit(
+        jax.vmap(lambda m, s: expected_terminal(problem.cost, m[None], s[None, None]))
+    )
     log_psi = -np.asarray(terminal(mu.ravel(), variance.ravel())) / TEMPERATURE
     values = [_spline(log_psi)]
     for _ in range(problem.steps - 1):
@@ -148,7 +173,9 @@ def recursion(problem: Problem) -> list[RectBivariateSpline]:
 
 
 def _spline(values: np.ndarray) -> RectBivariateSpline:
-    return RectBivariateSpline(MEANS, np.log(VARIANCES), values.reshape(len(MEANS), len(VARIANCES)), kx=5, ky=5)
+    return RectBivariateSpline(
+        MEANS, np.log(VARIANCES), values.reshape(len(MEANS), len(VARIANCES)), kx=5, ky=5
+    )
 
 
 def exact(
@@ -157,15 +184,22 @@ def exact(
     """log Psi and the control (n,) one step before `values[0]`, by Gauss-Hermite quadrature over that step."""
     nodes, weights = hermegauss(NODES)
     increments = nodes * np.sqrt(TEMPERATURE / problem.dt)  # covariance lambda R^-1 / dt, R = 1
-    mu, after = filtered(LIT, mean[:, None] + increments * problem.dt, variance[:, None], problem.dt)
+    mu, after = filtered(
+        LIT, mean[:, None] + increments * problem.dt, variance[:, None], problem.dt
+    )
     rate = running(problem, mu.ravel(), after.ravel()).reshape(mu.shape)
-    log = values[0].ev(mu.ravel(), np.log(after.ravel())).reshape(mu.shape) - rate * problem.dt / TEMPERATURE
+    log = (
+        values[0].ev(mu.ravel(), np.log(after.ravel())).reshape(mu.shape)
+        - rate * problem.dt / TEMPERATURE
+    )
     most = log.max(axis=1, keepdims=True)
     w = np.exp(log - most) * weights / np.sqrt(2 * np.pi)
     return most[:, 0] + np.log(w.sum(axis=1)), w @ increments / w.sum(axis=1)
 
 
-def filtered(system: Lit, mean: np.ndarray, variance: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
+def filtered(
+    system: Lit, mean: np.ndarray, variance: np.ndarray, dt: float
+) -> tuple[np.ndarray, np.ndarray]:
     """Mean and variance after a step that led the mean there: the scalar Kalman filter, written out."""
     ahead = variance + system.process_noise**2 * dt
     noise = sensor(system, mean) / dt
@@ -184,7 +218,9 @@ def running(problem: Problem, mean: np.ndarray, variance: np.ndarray) -> np.ndar
 
 @quick_jit
 def _running(problem: Problem, mean: Array, variance: Array) -> Array:
-    return jax.vmap(lambda m, s: risk_sensitive(problem.cost, m[None], s[None, None], THETA))(mean, variance)
+    return jax.vmap(lambda m, s: risk_sensitive(problem.cost, m[None], s[None, None], THETA))(
+        mean, variance
+    )
 
 
 def residual(problem: Problem, values: list[RectBivariateSpline]) -> np.ndarray:
@@ -201,13 +237,17 @@ def residual(problem: Problem, values: list[RectBivariateSpline]) -> np.ndarray:
 
 def sampled(problem: Problem, mean: float, std: float, key: Array) -> Sampled:
     """From the package's own paths."""
-    increments, costs, shared = (np.asarray(a) for a in _paths(problem, jnp.array([mean]), jnp.array([[std]]), key))
+    increments, costs, shared = (
+        np.asarray(a) for a in _paths(problem, jnp.array([mean]), jnp.array([[std]]), key)
+    )
     w = np.exp(-costs / TEMPERATURE)
     psi, first = w.mean(), increments
     control = (w @ first) / w.sum()
     error = np.sqrt(np.mean((w * (first - control)) ** 2) / len(w)) / psi
     other = np.mean(np.exp(-shared / TEMPERATURE))
-    return Sampled(psi, w.std(ddof=1) / np.sqrt(len(w)), control, error, TEMPERATURE * np.log(psi / other))
+    return Sampled(
+        psi, w.std(ddof=1) / np.sqrt(len(w)), control, error, TEMPERATURE * np.log(psi / other)
+    )
 
 
 @quick_jit
@@ -237,4 +277,9 @@ def _panel(values: list[RectBivariateSpline]) -> Panel:
         )
         for std in (0.3, 0.6, 0.9)
     ]
-    return Panel("Value of a belief, the light at 1.5", "belief mean μ (dimensionless)", "V (dimensionless)", lines)
+    return Panel(
+        "Value of a belief, the light at 1.5",
+        "belief mean μ (dimensionless)",
+        "V (dimensionless)",
+        lines,
+    )

@@ -59,7 +59,9 @@ class Outcome(NamedTuple):
     right: bool
 
 
-def matrix(rng: np.random.Generator, rows: int, columns: int, low: float = 0.5, high: float = 2.0) -> np.ndarray:
+def matrix(
+    rng: np.random.Generator, rows: int, columns: int, low: float = 0.5, high: float = 2.0
+) -> np.ndarray:
     """A random matrix of full rank with singular values in [low, high]."""
     rank = min(rows, columns)
     left, right = (np.linalg.qr(rng.normal(size=(n, n)))[0][:, :rank] for n in (rows, columns))
@@ -76,13 +78,25 @@ def cases(rng: np.random.Generator) -> Iterator[Case]:
 
 def _pattern(rng: np.random.Generator, n: int, nu: int, g: int, d: int) -> Iterator[Case]:
     """D of rank d inside the range of G of rank g, and out of it; D made from a weight of rank d."""
-    basis, rows = np.linalg.qr(rng.normal(size=(n, n)))[0], np.linalg.qr(rng.normal(size=(nu, nu)))[0]
+    basis, rows = (
+        np.linalg.qr(rng.normal(size=(n, n)))[0],
+        np.linalg.qr(rng.normal(size=(nu, nu)))[0],
+    )
     core = matrix(rng, g, g, 10 ** -rng.uniform(0, 2), 1.0)
     G, temperature = basis[:, :g] @ core @ rows[:, :g].T, 10 ** rng.uniform(-1, 1)
 
     def case(factor: np.ndarray, included: bool, equal: bool, out: np.ndarray) -> Case:
         D = factor @ factor.T
-        return Case(D, G, temperature, basis[:, :g], rows[:, :g], included, equal, float(np.linalg.norm(out @ out.T)))
+        return Case(
+            D,
+            G,
+            temperature,
+            basis[:, :g],
+            rows[:, :g],
+            included,
+            equal,
+            float(np.linalg.norm(out @ out.T)),
+        )
 
     nothing = np.zeros((n - g, d))
     if d <= g:
@@ -123,7 +137,10 @@ class Residuals(NamedTuple):
 @jax.jit
 @jax.vmap
 def _residuals(D: Array, G: Array, W: Array, R: Array, temperature: Array) -> list[Array]:
-    return [residual(D, G, weight) for weight in (temperature * W, matched_weight(R, temperature), best_weight(D, G))]
+    return [
+        residual(D, G, weight)
+        for weight in (temperature * W, matched_weight(R, temperature), best_weight(D, G))
+    ]
 
 
 def residuals(chosen: list[Case], found: list[Outcome]) -> Residuals:
@@ -158,7 +175,12 @@ def certify(seed: int = 0) -> Certificate:
         "Proposition 3, matching feasibility",
         f"{len(chosen) + len(zero)} {TEXT}",
         [
-            at_most("wrong verdicts and constructions over all patterns", wrong, 0, "the patterns' ranges are known"),
+            at_most(
+                "wrong verdicts and constructions over all patterns",
+                wrong,
+                0,
+                "the patterns' ranges are known",
+            ),
             *_feasible(chosen, found),
             *_infeasible(chosen, residuals(chosen, found)),
             *_nearly(),
@@ -193,9 +215,14 @@ def _feasible(chosen: list[Case], found: list[Outcome]) -> list[Check]:
     return [
         rounding("(i) largest |D - λGWG'| / |D|, over cond(G)²", max(first), OPERATIONS),
         at_least(
-            "(i) least eigenvalue of W over its largest", min(negative), -OPERATIONS * EPSILON, "rounding of W ≥ 0"
+            "(i) least eigenvalue of W over its largest",
+            min(negative),
+            -OPERATIONS * EPSILON,
+            "rounding of W ≥ 0",
         ),
-        rounding("(ii) largest |D - λGR⁻¹G'| / |D|, over cond(G)² cond(R)", max(second), OPERATIONS),
+        rounding(
+            "(ii) largest |D - λGR⁻¹G'| / |D|, over cond(G)² cond(R)", max(second), OPERATIONS
+        ),
         at_least(
             "(ii) least of cond(G)² cond(D) / cond(R)",
             min(definite),
@@ -203,7 +230,9 @@ def _feasible(chosen: list[Case], found: list[Outcome]) -> list[Check]:
             "R's eigenvalues are λ/eig(G⁺DG⁺'), those on ker G between them",
         ),
         rounding(
-            "W without R: largest least eigenvalue on the row space, over |W| cond(G)²", max(singular), OPERATIONS
+            "W without R: largest least eigenvalue on the row space, over |W| cond(G)²",
+            max(singular),
+            OPERATIONS,
         ),
     ]
 
@@ -213,13 +242,21 @@ def _infeasible(chosen: list[Case], left: Residuals) -> list[Check]:
     errors, above = [], []
     for case, least in zip(chosen, left.least, strict=True):
         if not case.included:
-            P, size, magnified = case.reached @ case.reached.T, np.linalg.norm(case.D), _condition(case.G) ** 2
+            P, size, magnified = (
+                case.reached @ case.reached.T,
+                np.linalg.norm(case.D),
+                _condition(case.G) ** 2,
+            )
             met = np.linalg.norm(P @ case.D @ P) / size
             errors.append(abs(least**2 - (1 - met**2)) / magnified)
             above.append((least - case.outside / size) / magnified)
     bound = "(I-P)D(I-P) is orthogonal to every GWG'; rounding"
     return [
-        rounding("not included: largest error of the squared least residual, over cond(G)²", max(errors), OPERATIONS),
+        rounding(
+            "not included: largest error of the squared least residual, over cond(G)²",
+            max(errors),
+            OPERATIONS,
+        ),
         at_least(
             "not included: least residual less |(I-P)D(I-P)| / |D|, the smallest, over cond(G)²",
             min(above),
@@ -242,12 +279,23 @@ def _nearly() -> list[Check]:
         chosen.append(Case(np.outer(lean, lean), first, 1.0, first, np.eye(1), close, close))
         expected.append(delta * np.sqrt(2 - delta**2))
         seen = bool(delta > 3 * EPSILON)
-        chosen.append(Case(second @ second.T, second * [1, delta], 1.0, second, np.eye(2), seen, seen))
+        chosen.append(
+            Case(second @ second.T, second * [1, delta], 1.0, second, np.eye(2), seen, seen)
+        )
         expected.append(0.0 if seen else np.sqrt(0.5))
     found = [outcome(case) for case in chosen]
     errors = residuals(chosen, found).least - np.array(expected)
     wrong = sum(not built.right for built in found)
     return [
-        at_most("wrong verdicts for δ from 0.3 to 3e-18", wrong, 0, "tan(angle/2) against 4 eps, s_min against 3 eps"),
-        rounding("δ from 0.3 to 3e-18: largest error of the least residual", np.max(np.abs(errors)), OPERATIONS),
+        at_most(
+            "wrong verdicts for δ from 0.3 to 3e-18",
+            wrong,
+            0,
+            "tan(angle/2) against 4 eps, s_min against 3 eps",
+        ),
+        rounding(
+            "δ from 0.3 to 3e-18: largest error of the least residual",
+            np.max(np.abs(errors)),
+            OPERATIONS,
+        ),
     ]

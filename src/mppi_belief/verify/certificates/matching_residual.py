@@ -36,7 +36,10 @@ from ..precision import quick_jit
 SIGMA_W, SIGMA_O, DT, STEPS = 0.3, 0.1, 0.1, 60
 PRINTED = 0.79  # Sec. VII
 START, GOAL, LIGHT = (0.9, 1.9), (7.0, 0.0), 5.0
-SETTLED = {"intensity": (2, 400.0), "sample": (700, DT)}  # steps and their length until the filter is at rest
+SETTLED = {
+    "intensity": (2, 400.0),
+    "sample": (700, DT),
+}  # steps and their length until the filter is at rest
 METHOD = {"intensity": "riccati", "sample": "filter"}
 SIGMAS = np.geomspace(0.03, 3.0, 41)
 
@@ -55,7 +58,9 @@ def _cosh(root: np.ndarray) -> np.ndarray:
     return (root + np.sqrt(root**2 + 16)) / 4
 
 
-def problem(convention: str, mean: tuple[float, ...], noise_floor: Array | float, steps: int, dt: float) -> Problem:
+def problem(
+    convention: str, mean: tuple[float, ...], noise_floor: Array | float, steps: int, dt: float
+) -> Problem:
     """The vehicle of Sec. VII, without obstacles, from `mean`."""
     nothing = Obstacles(jnp.zeros((0, 2)), 0.0)
     system = LightDark(nothing, SIGMA_W, LIGHT, 0.5**0.5, noise_floor, convention)  # type: ignore[arg-type]
@@ -99,7 +104,9 @@ def _schedule(means: Array, convention: str, method: str) -> tuple[Array, Array,
 def straight(start: tuple[float, float], goal: tuple[float, float]) -> np.ndarray:
     """Means (T+1, 4) of a vehicle that keeps its velocity."""
     position = np.linspace(start, goal, STEPS + 1)
-    return np.hstack([position, np.tile((position[-1] - position[0]) / (STEPS * DT), (STEPS + 1, 1))])
+    return np.hstack(
+        [position, np.tile((position[-1] - position[0]) / (STEPS * DT), (STEPS + 1, 1))]
+    )
 
 
 def along(convention: str, start: tuple[float, float], goal: tuple[float, float]) -> Along:
@@ -142,7 +149,10 @@ def _at_rest() -> list[Check]:
             spread,
         ),
         rounding(
-            "sample: largest error of the filter at rest, σₒ 0.03 to 3", errors["sample"], 40 * remembered, spread
+            "sample: largest error of the filter at rest, σₒ 0.03 to 3",
+            errors["sample"],
+            40 * remembered,
+            spread,
         ),
     ]
 
@@ -153,11 +163,19 @@ def _against_scipy() -> Check:
     C, R = np.eye(2, 4), SIGMA_O**2 * np.eye(2)
     S = solve_continuous_are(A.T, C.T, np.diag([0, 0, SIGMA_W**2, SIGMA_W**2]), R)
     D, G = S @ C.T @ np.linalg.solve(R, C @ S), np.eye(4)[:, 2:]
-    value = float(residual(jnp.asarray(D), jnp.asarray(G), best_weight(jnp.asarray(D), jnp.asarray(G))))
+    value = float(
+        residual(jnp.asarray(D), jnp.asarray(G), best_weight(jnp.asarray(D), jnp.asarray(G)))
+    )
     # stable and unstable eigenvalues of the Hamiltonian are 2 sqrt(sigma_w / (2 sigma_o)) apart, its norm is 1 / R
     error = 80 * EPSILON / SIGMA_O**2 / (2 * np.sqrt(SIGMA_W / (2 * SIGMA_O)))
     derived = "closed form; Schur vectors of an 8 x 8 Hamiltonian, eps |H| / separation"
-    return near("ε* in the light, σₒ an intensity, from SciPy's Riccati equation", value, 0.8, error, derived)
+    return near(
+        "ε* in the light, σₒ an intensity, from SciPy's Riccati equation",
+        value,
+        0.8,
+        error,
+        derived,
+    )
 
 
 def _constant(line: dict[str, Along]) -> list[Check]:
@@ -185,7 +203,9 @@ def _constant(line: dict[str, Along]) -> list[Check]:
 def _text(line: dict[str, Along], resting: Along) -> str:
     readings = {
         "at rest in the light as an intensity": float(closed_form(SIGMA_O, "intensity")),
-        "at rest for a filter that samples this intensity every 0.1 s": float(closed_form(SIGMA_O / DT**0.5, "sample")),
+        "at rest for a filter that samples this intensity every 0.1 s": float(
+            closed_form(SIGMA_O / DT**0.5, "sample")
+        ),
         "at rest in the light as a sample's deviation": float(closed_form(SIGMA_O, "sample")),
     }
     for name, found in line.items():
@@ -196,7 +216,8 @@ def _text(line: dict[str, Along], resting: Along) -> str:
         )
     met = [name for name, value in readings.items() if round(value, 2) == PRINTED]
     intensity, sample = (
-        brentq(lambda s, name=name: float(closed_form(s, name)) - PRINTED, 1e-3, 10, xtol=1e-12) for name in METHOD
+        brentq(lambda s, name=name: float(closed_form(s, name)) - PRINTED, 1e-3, 10, xtol=1e-12)
+        for name in METHOD
     )
     values = ", ".join(f"{name} {value:.3f}" for name, value in readings.items())
     return (
@@ -223,11 +244,23 @@ def windowed() -> float:
 
 def _panel_rest() -> Panel:
     lines = [
-        Line("intensity (Riccati equation)", SIGMAS.tolist(), closed_form(SIGMAS, "intensity").tolist()),
-        Line("sample (filter, Δt = 0.1 s)", SIGMAS.tolist(), closed_form(SIGMAS, "sample").tolist()),
+        Line(
+            "intensity (Riccati equation)",
+            SIGMAS.tolist(),
+            closed_form(SIGMAS, "intensity").tolist(),
+        ),
+        Line(
+            "sample (filter, Δt = 0.1 s)", SIGMAS.tolist(), closed_form(SIGMAS, "sample").tolist()
+        ),
         Line("printed, 0.79", SIGMAS[[0, -1]].tolist(), [PRINTED, PRINTED], "dashed"),
     ]
-    return Panel("Matching residual at rest", "measurement noise σₒ (m, or m√s as an intensity)", "ε*", lines, "x")
+    return Panel(
+        "Matching residual at rest",
+        "measurement noise σₒ (m, or m√s as an intensity)",
+        "ε*",
+        lines,
+        "x",
+    )
 
 
 def _panel_along(line: dict[str, Along], resting: Along) -> Panel:
@@ -240,5 +273,8 @@ def _panel_along(line: dict[str, Along], resting: Along) -> Panel:
     lines.append(Line("intensity, at rest in the light, best W", time, resting.best.tolist()))
     lines.append(Line("printed, 0.79", [time[0], time[-1]], [PRINTED, PRINTED], "dashed"))
     return Panel(
-        "Matching residual along a straight line through the light, and at rest in it", "time t (s)", "ε", lines
+        "Matching residual along a straight line through the light, and at rest in it",
+        "time t (s)",
+        "ε",
+        lines,
     )
