@@ -1,4 +1,4 @@
-"""Frozen dataclasses that are JAX pytrees: numbers are data, sizes and choices are metadata.
+"""Defines frozen dataclasses that are JAX pytrees: numbers are data, sizes and choices are metadata.
 
     @struct
     class Thermostat:
@@ -12,14 +12,66 @@ object is made; a bad one raises `ValueError` naming the field. Traced values pa
 """
 
 import dataclasses
-import math
 from typing import Any, TypeVar, dataclass_transform
 
 import jax
 import numpy as np
 
+from .fields import Choice, Number, WholeNumber, check_range, checked, ruled, rules
+
 T = TypeVar("T")
+
+ROUNDING = 1e-12  # relative to the largest eigenvalue; smaller ones count as zero
+
 _STRUCTS: set[type] = set()
+
+
+@dataclasses.dataclass(frozen=True)
+class ArrayOfNumbers:
+    """Accepts an array of finite numbers, and None where it is optional.
+
+    Bounds are for every entry; for a weight that may be a diagonal or a matrix, `ndim=(1, 2)`, they
+    are for the eigenvalues of the matrix, which must then be symmetric.
+    """
+
+    ndim: tuple[int, ...]  # the numbers of dimensions that are allowed
+    ge: float | None = None  # at least
+    gt: float | None = None  # greater than
+    le: float | None = None  # at most
+    optional: bool = False  # whether None is allowed
+
+    def check(self, value: Any) -> np.ndarray | None:
+        """Return the value as an array of floats."""
+        if value is None and self.optional:
+            return None
+        try:
+            result = np.asarray(value, dtype=float)
+        except (TypeError, ValueError):
+            raise ValueError(f"must be an array of numbers, got {value!r}") from None
+        if result.size == 0 and 2 in self.ndim:
+            # An empty list has lost its second dimension.
+            result = result.reshape(0, result.shape[-1])
+        if result.ndim not in self.ndim:
+            allowed = " or ".join(str(n) for n in self.ndim)
+            raise ValueError(f"must have {allowed} dimension(s), got {result.ndim}")
+        if not np.all(np.isfinite(result)):
+            raise ValueError("must be finite everywhere")
+        self._check_bounds(result)
+        return result
+
+    def _check_bounds(self, value: np.ndarray) -> None:
+        """Raise `ValueError` if an entry, or an eigenvalue of a weight matrix, is out of bounds."""
+        where = "everywhere"
+        if self.ndim == (1, 2) and value.ndim == 2:
+            if value.shape[0] != value.shape[1] or not np.allclose(value, value.T):
+                raise ValueError("must be a diagonal or a symmetric matrix")
+            where = "in every eigenvalue"
+            value = np.linalg.eigvalsh(value)
+            value = np.where(
+                np.abs(value) < ROUNDING * np.max(np.abs(value), initial=0), 0.0, value
+            )
+        if value.size:
+            check_range(np.min(value), self, where)
 
 
 def number(
@@ -30,9 +82,8 @@ def number(
     le: float | None = None,
     optional: bool = False,
 ) -> Any:
-    """A scalar leaf; `optional` also allows None."""
-    rule = {"kind": "number", "ge": ge, "gt": gt, "le": le, "optional": optional}
-    return dataclasses.field(default=default, metadata=rule)
+    """Declares a scalar leaf; `optional` also allows None."""
+    return ruled(Number(ge, gt, le, optional), default)
 
 
 def array(
@@ -41,26 +92,26 @@ def array(
     ndim: int | tuple[int, ...],
     ge: float | None = None,
     gt: float | None = None,
+    le: float | None = None,
     optional: bool = False,
 ) -> Any:
-    """An array leaf with the given number(s) of dimensions; `optional` also allows None.
+    """Declares an array leaf with the given number(s) of dimensions; `optional` also allows None.
 
     Bounds are for every entry; for a weight that may be a diagonal or a matrix, `ndim=(1, 2)`, they
     are for the eigenvalues of the matrix, which must then be symmetric.
     """
     allowed = (ndim,) if isinstance(ndim, int) else ndim
-    rule = {"kind": "array", "ndim": allowed, "ge": ge, "gt": gt, "optional": optional}
-    return dataclasses.field(default=default, metadata=rule)
+    return ruled(ArrayOfNumbers(allowed, ge, gt, le, optional), default)
 
 
 def size(default: Any = dataclasses.MISSING, *, ge: int = 1) -> Any:
-    """A static whole number."""
-    return dataclasses.field(default=default, metadata={"kind": "size", "ge": ge})
+    """Declares a static whole number."""
+    return ruled(WholeNumber(ge), default)
 
 
 def choice(*options: Any) -> Any:
-    """A static value out of `options`; the first is the default."""
-    return dataclasses.field(default=options[0], metadata={"kind": "choice", "options": options})
+    """Declares a static value out of `options`; the first is the default."""
+    return ruled(Choice(options), options[0])
 
 
 @dataclass_transform(
@@ -71,12 +122,13 @@ def choice(*options: Any) -> Any:
 def struct(cls: type[T]) -> type[T]:
     """Make `cls` a frozen dataclass, check its fields on construction, register it as a pytree."""
     cls.__post_init__ = _check_fields  # type: ignore[attr-defined]
-    made: Any = dataclasses.dataclass(frozen=True, eq=False)(cls)
-    static = [f.name for f in dataclasses.fields(made) if _is_static(f)]
-    data = [f.name for f in dataclasses.fields(made) if not _is_static(f)]
-    jax.tree_util.register_dataclass(made, data_fields=data, meta_fields=static)
-    _STRUCTS.add(made)
-    return made
+    result: Any = dataclasses.dataclass(frozen=True, eq=False)(cls)
+    names = [field.name for field in dataclasses.fields(result)]
+    static = [name for name, rule in rules(result).items() if _is_static(rule)]
+    data = [name for name in names if name not in static]
+    jax.tree_util.register_dataclass(result, data_fields=data, meta_fields=static)
+    _STRUCTS.add(result)
+    return result
 
 
 def is_struct(cls: type) -> bool:
@@ -84,20 +136,18 @@ def is_struct(cls: type) -> bool:
     return cls in _STRUCTS
 
 
-def _is_static(field: dataclasses.Field) -> bool:
-    return field.metadata.get("kind") in ("size", "choice")
+def _is_static(rule: Any) -> bool:
+    return isinstance(rule, (WholeNumber, Choice))
 
 
 def _check_fields(self: Any) -> None:
-    for field in dataclasses.fields(self):
-        check = _CHECKS.get(field.metadata.get("kind", ""))
-        if check is None:
-            continue
-        try:
-            value = check(getattr(self, field.name), field.metadata)
-        except ValueError as error:
-            raise ValueError(f"{field.name} {error}") from None
-        object.__setattr__(self, field.name, value)
+    """Check and convert every field that has a rule; the `__post_init__` of every struct."""
+    for name, rule in rules(type(self)).items():
+        value = getattr(self, name)
+        if _is_static(rule) or not _is_traced(value):
+            if isinstance(rule, Number) and isinstance(value, np.ndarray) and value.ndim == 0:
+                value = value.item()
+            object.__setattr__(self, name, checked(name, value, rule))
 
 
 def _is_traced(value: Any) -> bool:
@@ -105,71 +155,3 @@ def _is_traced(value: Any) -> bool:
     return not isinstance(
         value, (bool, int, float, str, bytes, list, tuple, dict, np.ndarray, np.generic, type(None))
     )
-
-
-def _number(value: Any, rule: Any) -> Any:
-    if _is_traced(value) or (value is None and rule["optional"]):
-        return value
-    if isinstance(value, (bool, str, bytes, list, tuple, dict, type(None))) or np.ndim(value) != 0:
-        raise ValueError(f"must be a number, got {value!r}")
-    result = float(value)
-    if not math.isfinite(result):
-        raise ValueError(f"must be finite, got {value!r}")
-    _check_range(result, rule)
-    return result
-
-
-def _check_range(value: float, rule: Any) -> None:
-    if rule.get("ge") is not None and value < rule["ge"]:
-        raise ValueError(f"must be at least {rule['ge']}, got {value:g}")
-    if rule.get("gt") is not None and value <= rule["gt"]:
-        raise ValueError(f"must be greater than {rule['gt']}, got {value:g}")
-    if rule.get("le") is not None and value > rule["le"]:
-        raise ValueError(f"must be at most {rule['le']}, got {value:g}")
-
-
-def _array(value: Any, rule: Any) -> Any:
-    if _is_traced(value) or (value is None and rule["optional"]):
-        return value
-    try:
-        result = np.asarray(value, dtype=float)
-    except (TypeError, ValueError):
-        raise ValueError(f"must be an array of numbers, got {value!r}") from None
-    if result.size == 0 and 2 in rule["ndim"]:
-        result = result.reshape(0, result.shape[-1])  # an empty list has lost its second dimension
-    if result.ndim not in rule["ndim"]:
-        wanted = " or ".join(str(n) for n in rule["ndim"])
-        raise ValueError(f"must have {wanted} dimension(s), got {result.ndim}")
-    if not np.all(np.isfinite(result)):
-        raise ValueError("must be finite everywhere")
-    _check_bounds(result, rule)
-    return result
-
-
-def _check_bounds(value: np.ndarray, rule: Any) -> None:
-    what = "everywhere"
-    if rule["ndim"] == (1, 2) and value.ndim == 2:
-        if value.shape[0] != value.shape[1] or not np.allclose(value, value.T):
-            raise ValueError("must be a diagonal or a symmetric matrix")
-        value, what = np.linalg.eigvalsh(value), "in every eigenvalue"
-        value = np.where(np.abs(value) < 1e-12 * np.max(np.abs(value), initial=0), 0.0, value)
-    if rule["ge"] is not None and np.any(value < rule["ge"]):
-        raise ValueError(f"must be at least {rule['ge']} {what}")
-    if rule["gt"] is not None and np.any(value <= rule["gt"]):
-        raise ValueError(f"must be greater than {rule['gt']} {what}")
-
-
-def _size(value: Any, rule: Any) -> int:
-    if isinstance(value, bool) or not isinstance(value, (int, np.integer)):
-        raise ValueError(f"must be a whole number, got {value!r}")
-    _check_range(int(value), rule)
-    return int(value)
-
-
-def _choice(value: Any, rule: Any) -> Any:
-    if value not in rule["options"]:
-        raise ValueError(f"must be one of {', '.join(map(str, rule['options']))}, got {value!r}")
-    return value
-
-
-_CHECKS = {"number": _number, "array": _array, "size": _size, "choice": _choice}
