@@ -5,7 +5,7 @@ ARGS ?=
 TEST_WORKERS ?= 2
 
 .DEFAULT_GOAL := help
-.PHONY: help install run report beyond verify calibration test test-faults test-long test-scenarios test-solver test-cluster check lint types layers format bench bench-docs bench-compare bench-beyond bench-scale bench-cluster picture clean
+.PHONY: help install run report beyond verify calibration test test-faults test-long test-scenarios test-solver test-cluster check lint types layers style-report format bench bench-docs bench-compare bench-beyond bench-scale bench-cluster picture clean
 
 help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -75,6 +75,12 @@ check: lint types layers  ## linter, type checker and architecture check
 lint: install
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+	$(BIN)/python docs/scripts/style_report.py --check --report-only
+
+BEFORE ?=
+
+style-report:  ## measure how readable the code is; BEFORE=COMMIT adds a column to compare with
+	@$(PYTHON) docs/scripts/style_report.py $(if $(BEFORE),--before $(BEFORE)) $(ARGS)
 
 types: install
 	$(BIN)/mypy
