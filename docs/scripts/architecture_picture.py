@@ -43,21 +43,47 @@ NOTES = {
 }
 # Floors whose rooms are plug-ins of a user, computed by workers, and so on, by colour.
 COLOURS = {
-    "plug-in: one file each": ("#fdebd0", ["controllers", "filters", "costs", "systems", "obstacles"]),
+    "plug-in: one file each": (
+        "#fdebd0",
+        ["controllers", "filters", "costs", "systems", "obstacles"],
+    ),
     "the paper's mathematics": (
         "#d6eaf8",
         ["planning", "belief", "matching", "discretise", "problem", "numerics", "simulate"],
     ),
-    "no mathematics: runs, stores, reports": ("#e5f3e2", ["run", "results", "report", "config", "cli"]),
+    "no mathematics: runs, stores, reports": (
+        "#e5f3e2",
+        ["run", "results", "report", "config", "cli"],
+    ),
 }
 OTHER_COLOUR = "#f2f2f2"
 
 # Where the centre of a box lies, px from the left, so that few arrows cross; other rooms are spread evenly.
 PLACES = {
-    "__main__": 560, "cli": 560, "trial": 110, "verify": 480, "report": 830, "run": 1020,
-    "trial_metrics": 110, "simulate": 110, "controllers": 300, "filters": 480, "costs": 660, "systems": 840,
-    "planning": 210, "belief": 400, "matching": 660, "results": 1020, "discretise": 530, "config": 1020,
-    "problem": 530, "obstacles": 790, "numerics": 210, "structs": 660, "errors": 1020, "fields": 660,
+    "__main__": 560,
+    "cli": 560,
+    "trial": 110,
+    "verify": 480,
+    "report": 830,
+    "run": 1020,
+    "trial_metrics": 110,
+    "simulate": 110,
+    "controllers": 300,
+    "filters": 480,
+    "costs": 660,
+    "systems": 840,
+    "planning": 210,
+    "belief": 400,
+    "matching": 660,
+    "results": 1020,
+    "discretise": 530,
+    "config": 1020,
+    "problem": 530,
+    "obstacles": 790,
+    "numerics": 210,
+    "structs": 660,
+    "errors": 1020,
+    "fields": 660,
 }
 
 WIDTH = 1120  # px
