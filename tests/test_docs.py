@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from mppi_belief.results.certificate import NAMES
+from mppi_belief.results.certificate import CERTIFICATE_NAMES
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCUMENTS = sorted(
@@ -24,11 +24,11 @@ def test_every_certificate_is_named_wherever_certificates_are():
     modules = {
         path.stem for path in (ROOT / "src/mppi_belief/verify/certificates").glob("[!_]*.py")
     }
-    assert modules == set(NAMES)
+    assert modules == set(CERTIFICATE_NAMES)
     theory, paper_map = (
         (ROOT / "docs" / name).read_text() for name in ("theory.md", "paper_map.md")
     )
-    for name in NAMES:
+    for name in CERTIFICATE_NAMES:
         assert f"| `{name}` |" in theory
         assert f"`{name}`" in paper_map
         assert list((ROOT / "tests/verify").glob(f"test_{name}*.py"))

@@ -12,9 +12,14 @@ from pathlib import Path
 import pytest
 
 from cli_helpers import Said, call, files_in, started
-from mppi_belief.results.certificate import NAMES, Certificate, at_most
-from mppi_belief.results.certificate_files import Stored, load, store
+from mppi_belief.results.certificate import CERTIFICATE_NAMES, Certificate
+from mppi_belief.results.certificate_files import (
+    StoredCertificate,
+    load_certificates,
+    store_certificate,
+)
 from mppi_belief.verify import runner
+from mppi_belief.verify.bands import at_most
 
 CHEAP = "matching_feasibility"
 
@@ -34,10 +39,10 @@ def instant(monkeypatch) -> list[tuple]:
     """Certificates that cost nothing, the last of which fails for seed 13; the calls that were made."""
     calls = []
 
-    def certify_all(names, seed, workers, initializer) -> Iterator[runner.Done]:
+    def certify_all(names, seed, workers, initializer) -> Iterator[runner.CertificateOutcome]:
         calls.append((tuple(names), seed, workers))
         for name in reversed(names):
-            yield runner.Done(
+            yield runner.CertificateOutcome(
                 name, made(name, 2.0 if seed == 13 and name == names[-1] else 0.0), "", 0.5
             )
 
@@ -48,17 +53,19 @@ def instant(monkeypatch) -> list[tuple]:
 def test_help_names_every_certificate(verify):
     said = verify("--help")
     assert said.code == 0
-    assert all(name in said.out for name in NAMES)
+    assert all(name in said.out for name in CERTIFICATE_NAMES)
 
 
 def test_all_of_them_by_default(verify, instant, tmp_path):
     said = verify("seed=5", "workers=3")
-    assert (said.code, instant) == (0, [(NAMES, 5, 3)])
-    assert f"{len(NAMES)} of {len(NAMES)} certificates hold" in said.out
+    assert (said.code, instant) == (0, [(CERTIFICATE_NAMES, 5, 3)])
+    assert f"{len(CERTIFICATE_NAMES)} of {len(CERTIFICATE_NAMES)} certificates hold" in said.out
     assert [line for line in said.out.splitlines() if line.startswith("Statement of")] == [
-        f"Statement of {name}  (0.5 s)" for name in NAMES
+        f"Statement of {name}  (0.5 s)" for name in CERTIFICATE_NAMES
     ]
-    assert {f"{name}.json" for name in NAMES} <= set(files_in(tmp_path / "outputs" / "verify"))
+    assert {f"{name}.json" for name in CERTIFICATE_NAMES} <= set(
+        files_in(tmp_path / "outputs" / "verify")
+    )
 
 
 def test_one_that_does_not_hold_is_exit_1(verify, instant):
@@ -74,9 +81,9 @@ def test_some_of_them_leave_the_others_alone(verify, instant, tmp_path):
     assert said.code == 1
     assert instant[-1][0] == ("feynman_kac", "affine_observations")
     assert (tmp_path / "here" / "cole_hopf.json").read_bytes() == before
-    assert {one.certificate.name: one.source["seed"] for one in load(tmp_path / "here")} == {
-        name: 13 if name in instant[-1][0] else 0 for name in NAMES
-    }
+    assert {
+        one.certificate.name: one.source["seed"] for one in load_certificates(tmp_path / "here")
+    } == {name: 13 if name in instant[-1][0] else 0 for name in CERTIFICATE_NAMES}
 
 
 @pytest.mark.parametrize(
@@ -114,7 +121,7 @@ def test_what_cannot_be_written_is_exit_74(verify, instant, tmp_path):
 
 
 def test_a_keyboard_interrupt_is_exit_130(verify, monkeypatch):
-    def stopped(*args) -> Iterator[runner.Done]:
+    def stopped(*args) -> Iterator[runner.CertificateOutcome]:
         raise KeyboardInterrupt
 
     monkeypatch.setattr(runner, "certify_all", stopped)
@@ -161,9 +168,9 @@ def test_what_could_not_be_computed_leaves_what_was_stored(verify, instant, tmp_
     verify("verify_dir=here")
     before = (tmp_path / "here" / "cole_hopf.json").read_bytes()
 
-    def certify_all(names, *rest) -> Iterator[runner.Done]:
-        yield runner.Done("cole_hopf", None, "ValueError: no", 0.1)
-        yield runner.Done("feynman_kac", made("feynman_kac"), "", 0.1)
+    def certify_all(names, *rest) -> Iterator[runner.CertificateOutcome]:
+        yield runner.CertificateOutcome("cole_hopf", None, "ValueError: no", 0.1)
+        yield runner.CertificateOutcome("feynman_kac", made("feynman_kac"), "", 0.1)
 
     monkeypatch.setattr(runner, "certify_all", certify_all)
     said = verify("cole_hopf", "feynman_kac", "verify_dir=here")
@@ -212,18 +219,25 @@ def report(tmp_path: Path, capsys: pytest.CaptureFixture[str], *args: str) -> Sa
 def test_the_report_shows_certificates_and_says_which_are_missing(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr("mppi_belief.report.build.STUDIES", ("table_1",))
     folder = tmp_path / "outputs" / "verify"
-    for name in NAMES[:4]:
-        store(folder, Stored(made(name), 0.1, {"commit": "4a7f400", "seed": 0}))
+    for name in CERTIFICATE_NAMES[:4]:
+        store_certificate(
+            folder, StoredCertificate(made(name), 0.1, {"commit": "4a7f400", "seed": 0})
+        )
     said = report(tmp_path, capsys)
     assert said.code == 3
-    assert f"missing: {len(NAMES) - 4} of {len(NAMES)} certificates; mppi-belief verify" in said.out
+    assert (
+        f"missing: {len(CERTIFICATE_NAMES) - 4} of {len(CERTIFICATE_NAMES)} certificates; mppi-belief verify"
+        in said.out
+    )
     page = (tmp_path / "outputs" / "report" / "index.html").read_text()
     assert "Statement of affine_observations" in page
     assert (tmp_path / "outputs" / "report" / "theory.csv").is_file()
 
 
 def test_a_report_of_chosen_studies_is_of_those_alone(tmp_path, capsys):
-    store(tmp_path / "outputs" / "verify", Stored(made("cole_hopf"), 0.1, {}))
+    store_certificate(
+        tmp_path / "outputs" / "verify", StoredCertificate(made("cole_hopf"), 0.1, {})
+    )
     said = report(tmp_path, capsys, "experiment=table_1")
     assert "certificates" not in said.out
     assert "cole_hopf" not in (tmp_path / "outputs" / "report" / "index.html").read_text()

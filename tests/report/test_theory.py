@@ -8,8 +8,13 @@ import pytest
 
 from mppi_belief.report.figures import certificate_figure
 from mppi_belief.report.sections import theory
-from mppi_belief.results.certificate import NAMES, Certificate, Line, Panel, at_least, at_most
-from mppi_belief.results.certificate_files import Stored, load, store
+from mppi_belief.results.certificate import CERTIFICATE_NAMES, Certificate, Line, Panel
+from mppi_belief.results.certificate_files import (
+    StoredCertificate,
+    load_certificates,
+    store_certificate,
+)
+from mppi_belief.verify.bands import at_least, at_most
 
 SOURCE = {"commit": "4a7f400", "dirty": False, "seed": 7}
 
@@ -29,25 +34,28 @@ def made(name: str = "cole_hopf", value: float = 1e-13, panels: int = 2) -> Cert
     return Certificate(name, f"Statement of {name}", f"What {name} covers.", checks, drawn)
 
 
-def stored(*certificates: Certificate) -> list[Stored]:
-    return [Stored(one, 1.25, SOURCE) for one in certificates]
+def stored(*certificates: Certificate) -> list[StoredCertificate]:
+    return [StoredCertificate(one, 1.25, SOURCE) for one in certificates]
 
 
 def test_what_is_stored_is_loaded_in_the_order_of_the_paper(tmp_path):
     for one in stored(made("feynman_kac"), made("cole_hopf")):
-        store(tmp_path, one)
-    found = load(tmp_path)
+        store_certificate(tmp_path, one)
+    found = load_certificates(tmp_path)
     assert [one.certificate.name for one in found] == ["cole_hopf", "feynman_kac"]
     assert found[0].source == SOURCE
     assert found[0].seconds == 1.25
-    assert load(tmp_path, ["feynman_kac"])[0].certificate.statement == "Statement of feynman_kac"
+    assert (
+        load_certificates(tmp_path, ["feynman_kac"])[0].certificate.statement
+        == "Statement of feynman_kac"
+    )
 
 
 @pytest.mark.parametrize("content", ["", "[]", "{}", '{"certificate": {"checks": 3}}', "no json"])
 def test_a_file_that_is_no_certificate_counts_as_missing(tmp_path, content):
-    store(tmp_path, stored(made())[0])
-    (tmp_path / f"{NAMES[0]}.json").write_text(content)
-    assert [one.certificate.name for one in load(tmp_path)] == ["cole_hopf"]
+    store_certificate(tmp_path, stored(made())[0])
+    (tmp_path / f"{CERTIFICATE_NAMES[0]}.json").write_text(content)
+    assert [one.certificate.name for one in load_certificates(tmp_path)] == ["cole_hopf"]
 
 
 def test_the_terminal_shows_every_number_with_its_band_and_verdict(tmp_path, capsys):
@@ -132,8 +140,8 @@ def test_what_should_be_known_before_trusting_them():
     assert theory.warnings(stored(good)) == []
     assert theory.warnings(stored(good, bad)) == ["Statement of feynman_kac does not hold."]
     changed = [
-        Stored(good, 1.0, SOURCE | {"dirty": True}),
-        Stored(good, 1.0, SOURCE | {"commit": "0000000"}),
+        StoredCertificate(good, 1.0, SOURCE | {"dirty": True}),
+        StoredCertificate(good, 1.0, SOURCE | {"commit": "0000000"}),
     ]
     assert [line.split()[0] for line in theory.warnings(changed)] == ["Some", "The"]
 
@@ -143,15 +151,15 @@ def test_a_curve_with_a_hole_is_drawn_after_it_was_stored(tmp_path):
     panel = Panel(
         "t", "x", "y", [Line("band", [1, 2, 3], hole, "line", hole, [2, 2, float("inf")])]
     )
-    store(tmp_path, Stored(made()._replace(panels=[panel]), 1.0, SOURCE))
-    (found,) = load(tmp_path)
+    store_certificate(tmp_path, StoredCertificate(made()._replace(panels=[panel]), 1.0, SOURCE))
+    (found,) = load_certificates(tmp_path)
     assert np.isnan(found.certificate.panels[0].lines[0].y[1])
     certificate_figure(found.certificate.panels).savefig(tmp_path / "drawn.png")
 
 
 @pytest.mark.parametrize("change", [{"source": None}, {"seconds": None}, {"source": [1]}])
 def test_a_certificate_without_its_origin_counts_as_missing(tmp_path, change):
-    store(tmp_path, stored(made())[0])
+    store_certificate(tmp_path, stored(made())[0])
     path = tmp_path / "cole_hopf.json"
     path.write_text(json.dumps(json.loads(path.read_text()) | change))
-    assert load(tmp_path) == []
+    assert load_certificates(tmp_path) == []

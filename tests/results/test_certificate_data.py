@@ -9,17 +9,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import norm
 
-from mppi_belief.results.certificate import (
+from mppi_belief.results.certificate import Certificate, Check, Line, Panel, as_dict, from_dict
+from mppi_belief.verify.bands import (
     EPSILON,
     FALSE_ALARM,
-    Certificate,
-    Check,
-    Line,
-    Panel,
-    as_dict,
     at_least,
     at_most,
-    from_dict,
     largest_z,
     near,
     observed_orders,

@@ -8,7 +8,8 @@ import pytest
 
 import reference
 from helpers import SIGMAS, float64
-from mppi_belief.results.certificate import Certificate, quantile
+from mppi_belief.results.certificate import Certificate
+from mppi_belief.verify.bands import quantile
 from mppi_belief.verify.certificates import algorithm_1 as a1
 
 TRIALS = 300

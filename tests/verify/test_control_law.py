@@ -13,8 +13,9 @@ from mppi_belief.belief.cost import risk_sensitive
 from mppi_belief.belief.schedule import GainSchedule
 from mppi_belief.controllers import mppi_belief as planner
 from mppi_belief.planning import path_integral as pi
-from mppi_belief.results.certificate import Certificate, largest_z
+from mppi_belief.results.certificate import Certificate
 from mppi_belief.verify import pde, transient, underactuated
+from mppi_belief.verify.bands import largest_z
 from mppi_belief.verify.certificates import control_law as law
 from mppi_belief.verify.matched_problem import Matched, Steady, equation, matched_problem, steady
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from helpers import float64
-from mppi_belief.results.certificate import quantile
 from mppi_belief.verify import steered_loops as sl
+from mppi_belief.verify.bands import quantile
 from mppi_belief.verify.certificates import controlled_sensing as cs
 
 pytestmark = pytest.mark.long

@@ -7,15 +7,16 @@ import numpy as np
 import pytest
 
 from helpers import float64, quick_jit
-from mppi_belief.results.certificate import Certificate, largest_z, within_errors
+from mppi_belief.results.certificate import Certificate
 from mppi_belief.verify import pde
+from mppi_belief.verify.bands import largest_z, within_errors
 from mppi_belief.verify.certificates import feynman_kac as fk
+from mppi_belief.verify.estimates import fitted_rate
 from mppi_belief.verify.matched_problem import (
     Matched,
     Steady,
     equation,
     matched_problem,
-    rate,
     sampled_costs,
     steady,
     with_grid,
@@ -87,7 +88,7 @@ def test_biased_or_dependent_samples_show(setting, monkeypatch, broken):
     monkeypatch.setattr(fk, "pooled_costs", spoilt)
     with float64():
         found = fk.at_one(matched, along, terms, jax.random.key(KEY))
-        slope, error = rate(fk.SIZES, found.rms, found.relative)
+        slope, error = fitted_rate(fk.SIZES, found.rms, found.relative)
     assert not within_errors("", found.squared, 1.0, found.squared_error).holds
     # twice each sample leaves the rate as it is, a bias does not
     assert within_errors("", slope, -0.5, error).holds == (broken == "repeated")
@@ -124,7 +125,7 @@ def test_the_schedule_of_fewer_steps_is_the_beginning_of_that_of_more(setting):
 def test_the_rate_is_a_weighted_fit(rng):
     sizes, relative = 2 ** np.arange(3, 9), rng.uniform(0.02, 0.2, 6)
     rms = sizes**-0.4 * np.exp(relative * rng.normal(size=6))
-    slope, error = rate(sizes, rms, relative)
+    slope, error = fitted_rate(sizes, rms, relative)
     fit, cov = np.polyfit(np.log(sizes), np.log(rms), 1, w=1 / relative, cov="unscaled")
     assert slope == pytest.approx(fit[0])
     assert error == pytest.approx(np.sqrt(cov[0, 0]))

@@ -8,8 +8,8 @@ from scipy.linalg import expm
 
 import mppi_belief as mb
 from helpers import float64
-from mppi_belief.results.certificate import observed_orders
 from mppi_belief.verify import kushner
+from mppi_belief.verify.bands import observed_orders
 from mppi_belief.verify.kushner import Coefficients, Moments
 
 numbers = st.floats(-3, 3)

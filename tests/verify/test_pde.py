@@ -8,8 +8,8 @@ import pytest
 from scipy.integrate import quad, solve_ivp
 
 import reference
-from mppi_belief.results.certificate import observed_orders
 from mppi_belief.verify import pde
+from mppi_belief.verify.bands import observed_orders
 
 A, D, TEMPERATURE, DURATION = 0.3, 0.7, 0.6, 1.0
 

@@ -37,10 +37,13 @@ def complete(args: Sequence[str]) -> int:
 
 def _complete_certificates(line: str, words: Sequence[str]) -> str:
     """Print the certificates that the last word begins; the line without those that are there, for Hydra."""
-    from ..results.certificate import NAMES
+    from ..results.certificate import CERTIFICATE_NAMES
 
     begun = "" if line.endswith(" ") else words[-1]
-    print(*(name for name in NAMES if name.startswith(begun) and name not in words), sep="\n")
-    for name in {*NAMES}.intersection(words):
+    print(
+        *(name for name in CERTIFICATE_NAMES if name.startswith(begun) and name not in words),
+        sep="\n",
+    )
+    for name in {*CERTIFICATE_NAMES}.intersection(words):
         line = line.replace(f" {name}", "")
     return line

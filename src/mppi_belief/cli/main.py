@@ -180,18 +180,20 @@ def report(args: Sequence[str]) -> int:
 
 def verify(args: Sequence[str]) -> int:
     """`mppi-belief verify`: certificates of the paper's statements, or what holds for one system."""
-    from ..results.certificate import NAMES
+    from ..results.certificate import CERTIFICATE_NAMES
 
     if any(arg in ("-h", "--help") for arg in args):
-        print(usage.VERIFY.format(names=" ".join(NAMES)), end="")
+        print(usage.VERIFY.format(names=" ".join(CERTIFICATE_NAMES)), end="")
         return 0
     flags, words, folders = parse(args)
     overrides = [word for word in words if "=" in word or word.startswith(("+", "~"))]
     names = list(dict.fromkeys(word for word in words if word not in overrides))
     for name in names:
-        if name not in NAMES:
+        if name not in CERTIFICATE_NAMES:
             raise ConfigError(
-                unknown_key(name, NAMES, what="certificate", see="mppi-belief verify --help")
+                unknown_key(
+                    name, CERTIFICATE_NAMES, what="certificate", see="mppi-belief verify --help"
+                )
             )
     configs = collect([*flags, *overrides])
     if not configs:  # --cfg, --info
@@ -217,7 +219,7 @@ def verify(args: Sequence[str]) -> int:
     command = ["mppi-belief", "verify", *args]
     if about_system:
         return _what_holds(configs[0], about_system, folders, command)
-    return _certify(configs[0], names or NAMES, command)
+    return _certify(configs[0], names or CERTIFICATE_NAMES, command)
 
 
 def _tool(name: str, args: Sequence[str]) -> int:
@@ -237,7 +239,7 @@ def _certify(config: dict[str, Any], names: Sequence[str], command: list[str]) -
     from tqdm import tqdm
 
     from ..report.sections.theory import show
-    from ..results.certificate_files import Stored, load, store
+    from ..results.certificate_files import StoredCertificate, load_certificates, store_certificate
     from ..results.files import probe
     from ..results.provenance import provenance
     from ..run.worker import Setup, start_worker
@@ -253,8 +255,12 @@ def _certify(config: dict[str, Any], names: Sequence[str], command: list[str]) -
                 lost.append(one.name)
                 tqdm.write(f"{one.name} could not be computed: {one.error}", file=sys.stderr)
             else:
-                store(folder, Stored(one.certificate, one.seconds, source))
-    held = show(load(folder, [name for name in names if name not in lost]), load(folder), folder)
+                store_certificate(folder, StoredCertificate(one.certificate, one.seconds, source))
+    held = show(
+        load_certificates(folder, [name for name in names if name not in lost]),
+        load_certificates(folder),
+        folder,
+    )
     return 0 if held and not lost else NOT_HELD
 
 
@@ -264,7 +270,7 @@ def _what_holds(
     """Say which statements hold for the system of one configuration."""
     from ..config.targets import allow
     from ..report.sections.theory import show_system
-    from ..results.certificate_files import Stored, store
+    from ..results.certificate_files import StoredCertificate, store_certificate
     from ..results.files import probe
     from ..results.provenance import provenance
     from ..trial import build, check
@@ -280,9 +286,11 @@ def _what_holds(
     settings = ", ".join([*(f"{group}={name}" for group, name in chosen.items()), *others])
     temperature, name = config["planner"]["temperature"], "-".join(chosen.values())
     made = what_holds(*build(config), temperature, config["seed"], name, settings)
-    store(
+    store_certificate(
         folder,
-        Stored(made, time.perf_counter() - began, provenance(command) | {"seed": config["seed"]}),
+        StoredCertificate(
+            made, time.perf_counter() - began, provenance(command) | {"seed": config["seed"]}
+        ),
     )
     show_system(made, folder)
     return 0

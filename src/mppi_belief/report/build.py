@@ -5,8 +5,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from ..config.cell import Cell
-from ..results.certificate import NAMES
-from ..results.certificate_files import Stored, load
+from ..results.certificate import CERTIFICATE_NAMES
+from ..results.certificate_files import StoredCertificate, load_certificates
 from .cell_results import Found, find
 from .comparison import table_1
 from .files import write_text
@@ -37,12 +37,12 @@ def report(
         ]
         for name, cells in studies.items()
     }
-    certificates = [] if verify_dir is None else load(verify_dir)
+    certificates = [] if verify_dir is None else load_certificates(verify_dir)
     page = write_report(found, certificates, folder, list(complaints))
     if any(len(one.good) for one in found.get("table_1", [])):
         print(table_1(found["table_1"]).to_string(index=False))
     lines = missing_lines(found, overrides)
-    if verify_dir is not None and len(certificates) < len(NAMES):
+    if verify_dir is not None and len(certificates) < len(CERTIFICATE_NAMES):
         chosen = [
             word
             for word in overrides
@@ -50,7 +50,7 @@ def report(
         ]
         command = shlex.join(["mppi-belief", "verify", *chosen])
         lines.append(
-            f"missing: {len(NAMES) - len(certificates)} of {len(NAMES)} certificates; {command}"
+            f"missing: {len(CERTIFICATE_NAMES) - len(certificates)} of {len(CERTIFICATE_NAMES)} certificates; {command}"
         )
     for line in [*complaints, *theory.warnings(certificates), *lines]:
         print(line)
@@ -63,7 +63,10 @@ def _find(cell: Cell, warn: Callable[[str], object]) -> Found:
 
 
 def write_report(
-    studies: Studies, certificates: Sequence[Stored], folder: Path, complaints: Sequence[str]
+    studies: Studies,
+    certificates: Sequence[StoredCertificate],
+    folder: Path,
+    complaints: Sequence[str],
 ) -> Path:
     """Write everything into `folder` and return the page's path; `complaints` are shown as warnings."""
     folder.mkdir(parents=True, exist_ok=True)

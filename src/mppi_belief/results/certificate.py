@@ -1,14 +1,7 @@
-"""What a certificate says: a statement of the paper, the numbers that test it, and where each band comes from.
+"""What a certificate holds: a statement of the paper, the numbers that test it, and the band of each number.
 
-A band is derived, never tuned. Three ways to derive one are written here once:
-
-* rounding: a number of operations times the machine epsilon times the size of what is rounded;
-* Monte Carlo: a quantile of Student's t for a chance of `FALSE_ALARM` that a true statement fails the check,
-  shared among the points that the check looks at;
-* discretisation: errors e(h) = C h^p (1 + c h + ...) have the observed order p + O(h): halving h brings it nearer to
-  p by about as much as is then left, so it must lie within twice its last change, and nearer than before.
-
-Other bands are bounds that a certificate proves itself, or tolerances that a solver was asked for.
+`CERTIFICATE_NAMES` is the one list of certificates. Each name is a module of `mppi_belief.verify.certificates`, which
+derives its bands with `mppi_belief.verify.bands`.
 """
 
 import math
@@ -17,7 +10,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-NAMES = (
+CERTIFICATE_NAMES = (
+    # In the order of the paper.
     "affine_observations",
     "belief_dynamics",
     "deterministic_covariance",
@@ -28,25 +22,24 @@ NAMES = (
     "control_law",
     "entropic_risk",
     "algorithm_1",
+    # Beyond the paper.
     "joint_covariance",
     "controlled_sensing",
-)  # modules of `mppi_belief.verify`, in the order of the paper, then what goes beyond it
-FALSE_ALARM = 1e-4
-EPSILON = float(np.finfo(np.float64).eps)
+)
 
 
 class Check(NamedTuple):
-    """One number and the band it must lie in; `derived` says where the band comes from."""
+    """Holds one number and the band in which it must lie."""
 
-    computed: str
+    computed: str  # what the number is
     value: float
-    low: float
-    high: float
-    derived: str
+    low: float  # lower end of the band, -inf if there is none
+    high: float  # upper end of the band, inf if there is none
+    derived: str  # where the band comes from
 
     @property
     def holds(self) -> bool:
-        """Whether the value lies in its band; a value that is no number does not."""
+        """Whether the value lies in its band; NaN does not."""
         return self.low <= self.value <= self.high
 
     @property
@@ -56,129 +49,53 @@ class Check(NamedTuple):
             return f"≤ {self.high:.3g}"
         if math.isinf(self.high):
             return f"≥ {self.low:.3g}"
-        middle, half = (self.low + self.high) / 2, (self.high - self.low) / 2
-        if half == 0:
+        middle = (self.low + self.high) / 2
+        half_width = (self.high - self.low) / 2
+        if half_width == 0:
             return f"= {middle:.6g}"
-        if half < 1e-4 * abs(middle):
-            return f"{middle:.6g} ± {half:.1g}"
+        if half_width < 1e-4 * abs(middle):
+            return f"{middle:.6g} ± {half_width:.1g}"
         return f"[{self.low:.5g}, {self.high:.5g}]"
 
 
 class Line(NamedTuple):
-    """One curve of a panel; `look` is "line", "dashed" or "points", `low` and `high` an interval around y."""
+    """Holds one curve of a panel."""
 
     label: str
-    x: Sequence[float]
-    y: Sequence[float]
-    look: str = "line"
-    low: Sequence[float] | None = None
-    high: Sequence[float] | None = None
+    x: Sequence[float]  # (n,)
+    y: Sequence[float]  # (n,)
+    look: str = "line"  # "line", "dashed" or "points"
+    low: Sequence[float] | None = None  # (n,), lower ends of intervals around y
+    high: Sequence[float] | None = None  # (n,), upper ends of these intervals
 
 
 class Panel(NamedTuple):
-    """One set of axes: title, axis labels with units, curves; `log` names the logarithmic axes, as "xy"."""
+    """Holds one set of axes and its curves."""
 
     title: str
-    x: str
-    y: str
+    x: str  # label of the horizontal axis, with its unit
+    y: str  # label of the vertical axis, with its unit
     lines: Sequence[Line]
-    log: str = ""
+    log: str = ""  # the logarithmic axes: "", "x", "y" or "xy"
 
 
 class Certificate(NamedTuple):
-    """A statement of the paper with its checks; `text` says what was done, and what the statement does not cover."""
+    """Holds a statement of the paper with its checks."""
 
-    name: str
+    name: str  # one of `CERTIFICATE_NAMES`, or the name of a system
     statement: str
-    text: str
+    text: str  # what was computed, and what the statement does not cover
     checks: Sequence[Check]
     panels: Sequence[Panel] = ()
 
     @property
     def holds(self) -> bool:
-        """Whether every check holds; without any there is nothing to hold."""
+        """Whether there are checks and all of them hold."""
         return bool(self.checks) and all(check.holds for check in self.checks)
 
 
-def at_most(computed: str, value: float, high: float, derived: str) -> Check:
-    """value <= high."""
-    return Check(computed, float(value), -math.inf, float(high), derived)
-
-
-def at_least(computed: str, value: float, low: float, derived: str) -> Check:
-    """value >= low."""
-    return Check(computed, float(value), float(low), math.inf, derived)
-
-
-def near(computed: str, value: float, target: float, tolerance: float, derived: str) -> Check:
-    """|value - target| <= tolerance."""
-    return Check(
-        computed,
-        float(value),
-        float(target) - float(tolerance),
-        float(target) + float(tolerance),
-        derived,
-    )
-
-
-def rounding(computed: str, error: float, operations: float, scale: float = 1.0) -> Check:
-    """A number that is zero but for rounding: at most `operations` roundings of numbers of size `scale`."""
-    derived = f"rounding: {operations:g} operations on numbers of size {scale:.2g}"
-    return at_most(computed, abs(error), operations * EPSILON * scale, derived)
-
-
-def quantile(points: int = 1, degrees: float = math.inf) -> float:
-    """How many standard errors a true statement stays within at all of `points` points, but for `FALSE_ALARM`;
-    `degrees` of freedom if the standard error was itself estimated."""
-    from scipy.stats import (
-        t as student_t,
-    )  # a second to import, and the command line needs but the names
-
-    return float(student_t.isf(FALSE_ALARM / (2 * points), degrees))
-
-
-def within_errors(
-    computed: str,
-    estimate: float,
-    target: float,
-    error: float,
-    degrees: float = math.inf,
-    bias: float = 0.0,
-) -> Check:
-    """A Monte Carlo estimate of standard error `error` against the true value, known up to `bias`."""
-    derived = f"{quantile(1, degrees):.1f} standard errors" + (
-        f" and a bias of {bias:.1g}" if bias else ""
-    )
-    return near(computed, estimate, target, quantile(1, degrees) * error + bias, derived)
-
-
-def largest_z(computed: str, z: Any, degrees: float = math.inf) -> Check:
-    """Monte Carlo estimates at many points, each as its distance from the truth in standard errors."""
-    scores = np.abs(np.asarray(z, dtype=float)).ravel()
-    derived = f"standard errors; the quantile for {scores.size} points"
-    return at_most(computed, float(np.max(scores)), quantile(scores.size, degrees), derived)
-
-
-def observed_orders(errors: Sequence[float], ratio: float = 2.0) -> np.ndarray:
-    """log(e_j / e_{j+1}) / log(ratio) for errors (J,) on grids each `ratio` times finer than the one before."""
-    e = np.asarray(errors, dtype=float)
-    return np.log(e[:-1] / e[1:]) / math.log(ratio)
-
-
-def order(computed: str, expected: float, errors: Sequence[float], ratio: float = 2.0) -> Check:
-    """The order seen on the two finest grids against the scheme's; needs errors on three grids or more.
-
-    It must be no farther from `expected` than twice its last change, nor than the order on the coarser pair: an error
-    that stalls on another limit has orders that drift away.
-    """
-    orders = observed_orders(errors, ratio)
-    tolerance = min(2 * abs(orders[-1] - orders[-2]), abs(orders[-2] - expected)) + 16 * EPSILON
-    derived = "order of the scheme: twice its last change, and nearer than before"
-    return near(computed, orders[-1], expected, tolerance, derived)
-
-
 def as_dict(certificate: Certificate) -> dict[str, Any]:
-    """The certificate for JSON; what is not finite becomes None."""
+    """Returns the certificate for JSON; numbers that are not finite become None."""
     panels = [
         panel._asdict() | {"lines": [_plain(line._asdict()) for line in panel.lines]}
         for panel in certificate.panels
@@ -190,16 +107,16 @@ def as_dict(certificate: Certificate) -> dict[str, Any]:
 
 
 def from_dict(stored: Mapping[str, Any]) -> Certificate:
-    """The certificate that `as_dict` made this of."""
+    """Returns the certificate from which `as_dict` made `stored`."""
     checks = [
         Check(
-            c["computed"],
-            _number(c["value"]),
-            _bound(c["low"], -1),
-            _bound(c["high"], 1),
-            c["derived"],
+            computed=check["computed"],
+            value=_number(check["value"]),
+            low=_bound(check["low"], -1),
+            high=_bound(check["high"], 1),
+            derived=check["derived"],
         )
-        for c in stored["checks"]
+        for check in stored["checks"]
     ]
     panels = [
         Panel(**{**panel, "lines": [_line(line) for line in panel["lines"]]})
@@ -209,7 +126,7 @@ def from_dict(stored: Mapping[str, Any]) -> Certificate:
 
 
 def _plain(value: Any) -> Any:
-    """Lists of finite floats for what JSON cannot hold."""
+    """Returns lists of finite floats for what JSON cannot hold."""
     if isinstance(value, dict):
         return {key: _plain(item) for key, item in value.items()}
     if isinstance(value, np.ndarray | list | tuple):

@@ -14,8 +14,9 @@ from jax import Array
 from scipy.linalg import eigh
 
 from ..matching.weights import best_constant_weight, residual
-from ..results.certificate import EPSILON, Check, at_least, at_most, near
-from .precision import quick_jit
+from ..results.certificate import Check
+from .bands import EPSILON, at_least, at_most, near
+from .compilation import quick_jit
 
 SEARCH = 1e-12  # the duality gap a step that the search is asked for
 TOLD = "the gap the search is asked for; rounding"

@@ -6,10 +6,8 @@ Sigma stays at the root of (8b), so D is constant and R = lambda b^2 / D makes (
 cost has its goal between two obstacles and is risk-sensitive (Remark 4). All quantities are dimensionless.
 """
 
-from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
-from itertools import pairwise
 from typing import Any, NamedTuple
 
 import jax
@@ -25,10 +23,11 @@ from ..matching.weights import matched_weight, residual
 from ..obstacles import Obstacles
 from ..planning import path_integral as pi
 from ..problem import Belief, Cost, Problem
-from ..results.certificate import Check, at_most, rounding
+from ..results.certificate import Check
 from ..systems import ScalarLinear
+from .bands import rounding
+from .compilation import quick_jit
 from .pde import Equation, Quadratic
-from .precision import quick_jit
 
 REACH = 7.0  # of the grids; from there the optimum does not come near the obstacles before T
 BLOCK = 4096  # grid points whose cost is computed at once, so that grids of any size compile once
@@ -204,58 +203,9 @@ def first_controls(
     return jax.lax.map(lambda key: jax.vmap(at, in_axes=(0, None))(means, key), keys)
 
 
-class Sampled(NamedTuple):
-    """Controls (keys, points) from independent keys, and what their mean should be (points,)."""
-
-    controls: np.ndarray
-    expected: np.ndarray
-
-    @property
-    def mean(self) -> np.ndarray:
-        """Over the keys."""
-        return self.controls.mean(axis=0)
-
-    @property
-    def error(self) -> np.ndarray:
-        """Standard errors of the mean."""
-        return self.controls.std(axis=0, ddof=1) / np.sqrt(len(self.controls))
-
-    @property
-    def z(self) -> np.ndarray:
-        """Distances in standard errors."""
-        return (self.mean - self.expected) / self.error
-
-
-def rate(sizes: np.ndarray, rms: np.ndarray, relative: np.ndarray) -> tuple[float, float]:
-    """Slope of log RMS over log N by weighted least squares, and its standard error, for errors (J,) of the given
-    relative standard errors (J,)."""
-    x, y, w = np.log(sizes), np.log(rms), 1 / np.asarray(relative) ** 2
-    away = x - np.average(x, weights=w)
-    spread = np.sum(w * away**2)
-    return float(np.sum(w * away * y) / spread), float(1 / np.sqrt(spread))
-
-
 def matching_check(computed: str, problem: Problem, temperature: float, along: Steady) -> Check:
     """The largest residual of (15) along a schedule."""
     G, W = problem.system.G(problem.prior_mean), matched_weight(problem.cost.R, temperature)
     worst = jnp.max(jax.vmap(residual, (0, None, None))(along.diffusion, G, W))
     # each step solves the Riccati equation by some tens of operations
     return rounding(computed, float(worst), 100 * len(along.diffusion))
-
-
-def limits(levels: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """Richardson's values of what is off by first order, from steps each half as long as those before."""
-    return [2 * fine - coarse for coarse, fine in pairwise(levels)]
-
-
-def limit_check(
-    computed: str, levels: Sequence[np.ndarray], exact: np.ndarray, error: np.ndarray
-) -> Check:
-    """Levels (J, n) extrapolated to a step of zero against the exact values (n,), known to within `error` (n,)."""
-    *_, before, limit = limits(levels)
-    return at_most(
-        computed,
-        np.max(np.abs(limit - exact) / (np.abs(limit - before) + error)),
-        1.0,
-        "change from the coarser, three times what is left, and the grid's error",
-    )

@@ -26,8 +26,9 @@ from ..matching.weights import (
 from ..numerics.linalg import psd_factor
 from ..numerics.quadrature import gaussian_nodes
 from ..problem import Controller, Filter, Problem
-from ..results.certificate import EPSILON, Certificate, Check, at_most, near, rounding
+from ..results.certificate import Certificate, Check
 from ..simulate import simulate_trial
+from .bands import EPSILON, at_most, near, rounding
 
 PLACES = 8  # means along the trial at which functions are examined
 PRODUCTS = 100  # of a step of the Riccati flow: its exponential, the doublings, two solves in each

@@ -13,7 +13,7 @@ import jax
 from ..results.certificate import Certificate
 
 
-class Done(NamedTuple):
+class CertificateOutcome(NamedTuple):
     """The certificate of one module, or the error in one line that kept it from being computed; and the seconds."""
 
     name: str
@@ -22,7 +22,7 @@ class Done(NamedTuple):
     seconds: float
 
 
-def certify(name: str, seed: int) -> Done:
+def certify(name: str, seed: int) -> CertificateOutcome:
     """Compute the certificate of one module of `mppi_belief.verify`, in double precision."""
     began = time.perf_counter()
     try:
@@ -30,12 +30,12 @@ def certify(name: str, seed: int) -> Done:
             made = import_module(f"mppi_belief.verify.certificates.{name}").certify(seed)
     except Exception as error:
         return _lost(name, error, time.perf_counter() - began)
-    return Done(name, made, "", time.perf_counter() - began)
+    return CertificateOutcome(name, made, "", time.perf_counter() - began)
 
 
 def certify_all(
     names: Sequence[str], seed: int, workers: int, initializer: Callable[[], object]
-) -> Generator[Done]:
+) -> Generator[CertificateOutcome]:
     """Yield the certificate of every name as it is done; `initializer` starts each of the `workers` processes.
 
     Where a process dies, those that were under way are computed once more, each in a process of its own. A caller
@@ -54,12 +54,12 @@ def certify_all(
 
 def _in_pool(
     names: Sequence[str], seed: int, workers: int, initializer: Callable[[], object]
-) -> Generator[tuple[str, Done | None]]:
+) -> Generator[tuple[str, CertificateOutcome | None]]:
     """Each name with what came of it, None where its process died."""
     context = multiprocessing.get_context("spawn")
     pool = ProcessPoolExecutor(min(workers, len(names)), context, initializer=initializer)
     try:
-        waiting: dict[Future[Done], str] = {
+        waiting: dict[Future[CertificateOutcome], str] = {
             pool.submit(certify, name, seed): name for name in names
         }
         for future in as_completed(waiting):
@@ -73,6 +73,6 @@ def _in_pool(
         pool.shutdown(cancel_futures=True)
 
 
-def _lost(name: str, error: Exception, seconds: float) -> Done:
+def _lost(name: str, error: Exception, seconds: float) -> CertificateOutcome:
     line = next(iter(str(error).splitlines()), "")
-    return Done(name, None, f"{type(error).__name__}: {line}", seconds)
+    return CertificateOutcome(name, None, f"{type(error).__name__}: {line}", seconds)

@@ -30,19 +30,11 @@ from ..costs import GoalObstacleCost
 from ..filters import EKF
 from ..obstacles import Obstacles
 from ..problem import Problem
-from ..results.certificate import (
-    Check,
-    Line,
-    Panel,
-    at_least,
-    largest_z,
-    near,
-    quantile,
-    within_errors,
-)
+from ..results.certificate import Check, Line, Panel
 from ..simulate import simulate_trial
 from ..systems import Steered
 from ..trial_metrics import metrics
+from .bands import at_least, largest_z, near, quantile, within_errors
 
 TEMPERATURE, DT, STEPS, HORIZON = 1.0, 0.2, 10, 5
 STIFFNESS, DRAG, GUSTS, CONTROL_WEIGHT, NOISE = 1.0, 0.5, 0.7, 3.0, 0.3

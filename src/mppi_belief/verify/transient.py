@@ -23,10 +23,11 @@ from ..costs import GoalObstacleCost
 from ..obstacles import Obstacles
 from ..planning import path_integral as pi
 from ..problem import Belief, Problem
-from ..results.certificate import Check, rounding
+from ..results.certificate import Check
 from ..systems import LightDark
+from .bands import rounding
+from .compilation import quick_jit
 from .matched_problem import algorithm_1
-from .precision import quick_jit
 
 STEPS, SAMPLES, TEMPERATURE, THETA = 8, 64, 0.7, 0.3
 STARTS = np.array([[2.2, 0.9, 0.6, -0.3], [2.7, -0.4, 0.9, 0.2], [3.4, 0.6, 0.8, 0.4]])

@@ -16,8 +16,9 @@ from ..costs import GoalObstacleCost
 from ..obstacles import Obstacles
 from ..planning import path_integral as pi
 from ..problem import Problem
-from ..results.certificate import Check, order, rounding
+from ..results.certificate import Check
 from ..systems import Linear
+from .bands import order, rounding
 from .matched_problem import Steady, matching_check, steady
 
 DURATION = 1.0

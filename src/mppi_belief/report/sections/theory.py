@@ -6,7 +6,7 @@ from pathlib import Path
 import pandas as pd
 
 from ...results.certificate import Certificate, Check
-from ...results.certificate_files import Stored
+from ...results.certificate_files import StoredCertificate
 from .. import figures
 from ..elements import picture, table
 from ..files import write_frame
@@ -16,7 +16,9 @@ from ..page import Section, Table
 HOLDS, FAILS, DOES_NOT = "holds", "FAILS", "does not hold"
 
 
-def show(chosen: Sequence[Stored], stored: Sequence[Stored], folder: Path) -> bool:
+def show(
+    chosen: Sequence[StoredCertificate], stored: Sequence[StoredCertificate], folder: Path
+) -> bool:
     """Print the chosen certificates and draw their figures into `folder`, with a table of all that are stored there;
     whether the chosen ones hold."""
     for one in chosen:
@@ -97,13 +99,13 @@ def _numbers(certificates: Sequence[Certificate]) -> pd.DataFrame:
     )
 
 
-def provenance(stored: Sequence[Stored]) -> list[tuple[str, str]]:
+def provenance(stored: Sequence[StoredCertificate]) -> list[tuple[str, str]]:
     """Where the certificates come from, for the end of the page."""
     origins = sorted({f"{commit(one.source)}, seed {one.source.get('seed')}" for one in stored})
     return [("certificates", "; ".join(origins))] if origins else []
 
 
-def warnings(stored: Sequence[Stored]) -> list[str]:
+def warnings(stored: Sequence[StoredCertificate]) -> list[str]:
     """What should keep a reader from trusting the certificates; one line each."""
     lines = [
         f"{one.certificate.statement} does not hold." for one in stored if not one.certificate.holds
@@ -115,7 +117,7 @@ def warnings(stored: Sequence[Stored]) -> list[str]:
     return lines
 
 
-def sections(stored: Sequence[Stored], folder: Path) -> list[Section]:
+def sections(stored: Sequence[StoredCertificate], folder: Path) -> list[Section]:
     """The theory part of the page: an overview, and a section for every certificate that has figures."""
     if not stored:
         return []

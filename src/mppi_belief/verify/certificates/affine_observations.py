@@ -26,9 +26,10 @@ from ...matching.affine import outside_mean_tangent
 from ...numerics.quadrature import gaussian_nodes
 from ...obstacles import Obstacles
 from ...problem import Belief, Problem, System
-from ...results.certificate import EPSILON, Certificate, Check, Line, Panel, at_least, rounding
+from ...results.certificate import Certificate, Check, Line, Panel
 from ...systems import LightDark
-from ..precision import quick_jit
+from ..bands import EPSILON, at_least, rounding
+from ..compilation import quick_jit
 
 MEANS, GRID = 64, 121
 S = 0.5  # standard deviation of the scalar beliefs

@@ -31,21 +31,11 @@ from ...costs import GoalObstacleCost
 from ...filters import EKF
 from ...obstacles import Obstacles
 from ...problem import Belief, Controller, Problem
-from ...results.certificate import (
-    Certificate,
-    Check,
-    Line,
-    Panel,
-    at_most,
-    largest_z,
-    near,
-    quantile,
-    rounding,
-    within_errors,
-)
+from ...results.certificate import Certificate, Check, Line, Panel
 from ...simulate import simulate_trial
 from ...systems import ScalarLinear
 from ...trial_metrics import metrics
+from ..bands import at_most, largest_z, near, quantile, rounding, within_errors
 
 DRIFT, CONTROL_GAIN, STATE_WEIGHT, TEMPERATURE = 0.0, 1.0, 2.0, 1.0  # a, b, q, lambda
 NOISE = 0.5  # sigma_w and sigma_o

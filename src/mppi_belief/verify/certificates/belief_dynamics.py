@@ -19,23 +19,14 @@ from ...belief.riccati import kalman_bucy
 from ...belief.schedule import gain_schedule
 from ...filters import EKF, ParticleFilter
 from ...problem import Problem
-from ...results.certificate import (
-    Certificate,
-    Check,
-    Line,
-    Panel,
-    at_least,
-    largest_z,
-    observed_orders,
-    order,
-    rounding,
-    within_errors,
-)
+from ...results.certificate import Certificate, Check, Line, Panel
 from ...simulate import FILTER, role_key
 from ...systems import ScalarLinear
 from .. import kushner
+from ..bands import at_least, largest_z, observed_orders, order, rounding, within_errors
+from ..compilation import quick_jit
+from ..estimates import rms
 from ..kushner import Moments, Reals, extrapolated
-from ..precision import quick_jit, rms
 from ..scalar_paths import (
     HELD,
     PRIOR_MEAN,

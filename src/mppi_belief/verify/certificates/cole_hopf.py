@@ -15,10 +15,11 @@ from typing import NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
-from ...results.certificate import Certificate, Check, Line, Panel, at_most, near, order, rounding
+from ...results.certificate import Certificate, Check, Line, Panel
 from .. import pde
+from ..bands import at_most, near, order, rounding
+from ..estimates import rms
 from ..matched_problem import Matched, Steady, equation, matched_problem, matching_check, steady
-from ..precision import rms
 
 GRIDS = ((280, 20), (560, 40), (1120, 80))  # cells and steps
 INNER = 2.5  # |mu| up to which the solutions are compared

@@ -19,32 +19,21 @@ from jax import Array
 from ...controllers import LQG
 from ...planning import path_integral as pi
 from ...problem import Belief, Problem
-from ...results.certificate import (
-    Certificate,
-    Check,
-    Line,
-    Panel,
-    largest_z,
-    order,
-    quantile,
-    rounding,
-    within_errors,
-)
+from ...results.certificate import Certificate, Check, Line, Panel
 from .. import pde
+from ..bands import largest_z, order, quantile, rounding, within_errors
+from ..compilation import quick_jit
+from ..estimates import RepeatedControls, fitted_rate, limit_check, rms
 from ..matched_problem import (
     Matched,
-    Sampled,
     Steady,
     algorithm_1,
     equation,
     first_controls,
-    limit_check,
     matched_problem,
     pooled_costs,
-    rate,
     steady,
 )
-from ..precision import quick_jit, rms
 from ..transient import transient_check
 from ..underactuated import underactuated_checks
 
@@ -111,11 +100,11 @@ def certify(seed: int = 0) -> Certificate:
     return Certificate("control_law", "Theorem 6, control law", TEXT, checks, panels)
 
 
-def _sampling(sampled: Sampled, found: Rate) -> list[Check]:
+def _sampling(sampled: RepeatedControls, found: Rate) -> list[Check]:
     """What Monte Carlo can tell of (19)."""
     seen = quantile(len(MEANS), KEYS - 1) * rms(sampled.error) / rms(sampled.expected)
     relative = 1 / np.sqrt(2 * BATCHES)  # of the RMS of so many Gaussian errors
-    tempo, error = rate(SIZES, found.rms, np.full(len(SIZES), relative))
+    tempo, error = fitted_rate(SIZES, found.rms, np.full(len(SIZES), relative))
     return [
         largest_z(
             f"(19) by MPPI-Belief at {len(MEANS)} means (to {seen:.1%} of u): distance from its exact expectation",
@@ -182,7 +171,7 @@ def _to_control(matched: Matched) -> float:
     )
 
 
-def sample(matched: Matched, terms: pde.Equation, key: Array) -> Sampled:
+def sample(matched: Matched, terms: pde.Equation, key: Array) -> RepeatedControls:
     """Algorithm 1 as printed at every mean."""
     risk = {"theta": matched.theta, "risk": "total"}
     planner = algorithm_1(SAMPLES, matched.problem, matched.temperature, **risk)
@@ -190,7 +179,7 @@ def sample(matched: Matched, terms: pde.Equation, key: Array) -> Sampled:
         planner, matched.problem, MEANS[:, None], matched.cov, jax.random.split(key, KEYS)
     )
     truth = estimate(matched, terms, MEANS)
-    return Sampled(np.asarray(found)[:, :, 0], truth.control + truth.bias / SAMPLES)
+    return RepeatedControls(np.asarray(found)[:, :, 0], truth.control + truth.bias / SAMPLES)
 
 
 def at_one(matched: Matched, along: Steady, terms: pde.Equation, key: Array) -> Rate:
@@ -244,7 +233,7 @@ def lqg(problem: Problem, cov: np.ndarray) -> np.ndarray:
     return np.asarray(act(problem, MEANS[:, None]))
 
 
-def _control_panel(matched: Matched, terms: pde.Equation, sampled: Sampled) -> Panel:
+def _control_panel(matched: Matched, terms: pde.Equation, sampled: RepeatedControls) -> Panel:
     line = (
         np.arange(-45, 46) * terms.reach / (GRIDS[0][0] / 4)
     )  # every second cell of the coarser grid

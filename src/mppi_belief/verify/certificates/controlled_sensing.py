@@ -31,21 +31,12 @@ from ...numerics.linalg import psd_factor
 from ...obstacles import Obstacles
 from ...planning import path_integral as pi
 from ...problem import Problem
-from ...results.certificate import (
-    EPSILON,
-    Certificate,
-    Check,
-    Line,
-    Panel,
-    at_most,
-    largest_z,
-    order,
-    rounding,
-)
+from ...results.certificate import Certificate, Check, Line, Panel
 from ...systems import Steered
 from .. import steered_loops
+from ..bands import EPSILON, at_most, largest_z, order, rounding
+from ..compilation import quick_jit
 from ..matched_problem import Steady, sampled_costs
-from ..precision import quick_jit
 
 SIZES = ((2, 2), (3, 2), (4, 2))  # states and controls
 TEMPERATURE, DURATION, STEPS = 0.7, 2.0, 80

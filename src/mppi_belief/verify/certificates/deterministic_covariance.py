@@ -30,19 +30,10 @@ from ...costs import GoalObstacleCost
 from ...filters import EKF
 from ...obstacles import Obstacles
 from ...problem import Belief, Problem, System
-from ...results.certificate import (
-    EPSILON,
-    Certificate,
-    Check,
-    Line,
-    Panel,
-    at_least,
-    at_most,
-    order,
-    rounding,
-)
+from ...results.certificate import Certificate, Check, Line, Panel
 from ...simulate import simulate_trial
 from ...systems import LightDark, Linear
+from ..bands import EPSILON, at_least, at_most, order, rounding
 
 Reals = NDArray[np.float64]
 Schedule = Callable[..., GainSchedule]

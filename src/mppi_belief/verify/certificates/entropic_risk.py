@@ -28,17 +28,8 @@ from ...belief.cost import risk_sensitive, running_moments
 from ...costs import GoalObstacleCost
 from ...obstacles import Obstacles
 from ...problem import Belief
-from ...results.certificate import (
-    EPSILON,
-    Certificate,
-    Check,
-    Line,
-    Panel,
-    at_least,
-    at_most,
-    near,
-    order,
-)
+from ...results.certificate import Certificate, Check, Line, Panel
+from ..bands import EPSILON, at_least, at_most, near, order
 
 # Sec. VII and the calibrated weights of the experiments; positions alone, on which the penalty depends
 CENTERS, RADIUS, W_OBS, WIDTH, GOAL, WEIGHT = (

@@ -16,31 +16,21 @@ from jax import Array
 
 from ...planning import path_integral as pi
 from ...problem import Problem
-from ...results.certificate import (
-    Certificate,
-    Check,
-    Line,
-    Panel,
-    largest_z,
-    order,
-    quantile,
-    within_errors,
-)
+from ...results.certificate import Certificate, Check, Line, Panel
 from .. import pde
+from ..bands import largest_z, order, quantile, within_errors
+from ..compilation import quick_jit
+from ..estimates import extrapolations, fitted_rate, limit_check, rms
 from ..matched_problem import (
     Matched,
     Steady,
     equation,
-    limit_check,
-    limits,
     matched_problem,
     pooled_costs,
-    rate,
     sampled_costs,
     steady,
     with_grid,
 )
-from ..precision import quick_jit, rms
 
 MEANS = np.linspace(-2, 2, 9)
 TIMES = np.array([0.0, 0.2, 0.4, 0.6, 0.8])  # of T
@@ -114,7 +104,7 @@ def certify(seed: int = 0) -> Certificate:
 
 def _at_one(terms: pde.Equation, found: Rate) -> list[Check]:
     """Against the exact discrete expectation."""
-    tempo, error = rate(SIZES, found.rms, found.relative)
+    tempo, error = fitted_rate(SIZES, found.rms, found.relative)
     discrete = np.exp(pde.Discrete(terms, COARSE, terms.duration).log_psi(np.array([RATE_MEAN])))[0]
     return [
         within_errors(
@@ -169,7 +159,7 @@ def at_points(matched: Matched, along: Steady, terms: pde.Equation, key: Array) 
     extrapolated = 2 * logs[:, :, 1] - logs[:, :, 0]
     error = extrapolated.std(axis=-1, ddof=1) / np.sqrt(BATCHES)
     levels = [discrete_psi(terms, H, TIMES) for H in LEVELS[:3]]
-    first, second, *_ = limits(levels)
+    first, second, *_ = extrapolations(levels)
     bias = 4 / 3 * np.abs(first - second)
     return Points(*solution(terms), extrapolated.mean(axis=-1), error, bias)
 

@@ -25,18 +25,11 @@ from ...costs import GoalObstacleCost
 from ...obstacles import Obstacles
 from ...planning import path_integral as pi
 from ...problem import Problem
-from ...results.certificate import (
-    Certificate,
-    Check,
-    Line,
-    Panel,
-    at_least,
-    order,
-    quantile,
-    within_errors,
-)
+from ...results.certificate import Certificate, Check, Line, Panel
 from ...structs import choice, number, struct
-from ..precision import quick_jit, rms
+from ..bands import at_least, order, quantile, within_errors
+from ..compilation import quick_jit
+from ..estimates import rms
 
 DURATION, THETA, TEMPERATURE = 0.8, 0.5, 0.6
 LEVELS = (4, 8, 16, 32)  # steps

@@ -22,7 +22,8 @@ from ...matching.weights import (
     range_included,
     residual,
 )
-from ...results.certificate import EPSILON, Certificate, Check, at_least, at_most, rounding
+from ...results.certificate import Certificate, Check
+from ..bands import EPSILON, at_least, at_most, rounding
 
 LARGEST = 5  # states, and controls
 # G^+ twice: LAPACK's dbdsqr leaves off-diagonals of 50 eps and its reflections 10 n; then products of n operations

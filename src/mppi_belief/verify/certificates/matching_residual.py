@@ -28,10 +28,11 @@ from ...costs import GoalObstacleCost
 from ...matching.weights import ConstantWeight, best_constant_weight, best_weight, residual
 from ...obstacles import Obstacles
 from ...problem import Problem
-from ...results.certificate import EPSILON, Certificate, Check, Line, Panel, at_most, near, rounding
+from ...results.certificate import Certificate, Check, Line, Panel
 from ...systems import LightDark
+from ..bands import EPSILON, at_most, near, rounding
+from ..compilation import quick_jit
 from ..least_residual import SEARCH, least, optimum, relative
-from ..precision import quick_jit
 
 SIGMA_W, SIGMA_O, DT, STEPS = 0.3, 0.1, 0.1, 60
 PRINTED = 0.79  # Sec. VII
