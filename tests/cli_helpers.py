@@ -14,11 +14,11 @@ from typing import Any, NamedTuple
 import pytest
 
 from mppi_belief.cli import main as cli
-from mppi_belief.config import compose as composing
 from mppi_belief.config import targets
+from mppi_belief.config.conf_files import conf_dir
 
 COMMAND = str(Path(sys.executable).with_name("mppi-belief"))
-CONF = composing.conf_dir()
+CONF = conf_dir()
 PLANNER = ("planner.n_samples=16", "planner.horizon=4", "problem.steps=3")
 SMALL = ("system=scalar_linear", *PLANNER)
 TIMEOUT = 120  # s, only so that a test that hangs ends

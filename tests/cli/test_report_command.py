@@ -17,8 +17,8 @@ import pytest
 
 from cli_helpers import Said, call, collect, files_in, python
 from mppi_belief.cli import main as cli
-from mppi_belief.config import compose as composing
 from mppi_belief.config.cell import Cell
+from mppi_belief.config.conf_files import conf_dir
 from mppi_belief.report.build import STUDIES
 from report_helpers import lost, random_trials, store, store_pictured
 
@@ -265,7 +265,7 @@ def test_small_files_that_are_torn_do_not_stop_it(report, root, folder):
 
 
 def test_make_report_runs_the_studies_that_the_report_shows():
-    makefile = (composing.conf_dir().parent / "Makefile").read_text()
+    makefile = (conf_dir().parent / "Makefile").read_text()
     assert re.search(r"^STUDIES := (.*)$", makefile, re.MULTILINE)[1].split() == list(STUDIES)
 
 

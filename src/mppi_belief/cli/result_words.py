@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from omegaconf import OmegaConf
 
-from ..config.compose import conf_dir
+from ..config.conf_files import conf_dir
 from ..errors import ConfigError, unknown_key
 from ..results.folder import cells
 

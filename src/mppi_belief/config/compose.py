@@ -18,6 +18,7 @@ from typing import Any
 from omegaconf import OmegaConf
 
 from ..errors import ConfigError, unknown_key
+from .conf_files import conf_dir
 from .hydra_errors import one_line
 from .settings import Settings, batch_size
 from .settings import check as check_settings
@@ -36,14 +37,6 @@ PRINTING = ("--help", "-h", "--cfg", "-c", "--info", "-i", "--shell-completion",
 VALUED = (*FOLDER, "--cfg", "-c", "--info", "-i", "--package", "-p")
 FLAGS = ("--help", "-h", "--multirun", "-m", "--resolve", "--shell-completion", "-sc")
 LONGEST_WORD = 10_000  # characters of an argument
-
-
-def conf_dir() -> Path:
-    """The configuration of the checkout this file is in, or the copy installed beside it."""
-    checkout = Path(__file__).resolve().parents[3]
-    if (checkout / "pyproject.toml").is_file() and (checkout / "conf").is_dir():
-        return checkout / "conf"
-    return Path(__file__).resolve().parents[1] / "conf"
 
 
 def compose(args: Sequence[str], job: Callable[[Any], None]) -> None:

@@ -1,0 +1,98 @@
+"""The calibrated numbers of conf/, for code that needs them without composing a configuration.
+
+conf/ is the only home of these numbers. Certificates and tests read them here instead of copying them:
+
+    reference("cost", "goal_obstacles")["bump_width"]             # 0.26
+    reference("system", "light_dark")["problem"]["prior_mean"]    # a system's file also holds the problem
+    reference_settings()["w_obs"]                                 # the top level of conf/config.yaml
+"""
+
+from pathlib import Path
+from typing import Any
+
+from omegaconf import OmegaConf
+
+from .conf_files import conf_dir
+
+GLOBAL_PACKAGE = "# @package _global_"  # first line of a file whose keys are those of the top level
+
+
+def reference(group: str, option: str) -> dict[str, Any]:
+    """Returns the content of conf/GROUP/OPTION.yaml as plain Python values.
+
+    References to other settings, such as `${w_obs}` or `${system.obstacles}`, are replaced by the values that
+    conf/config.yaml and its default options give them. Raises FileNotFoundError if there is no such file.
+    """
+    options = _default_options() | {group: option}
+    options = _options_in(_load("system", options["system"])) | options
+    settings = OmegaConf.create(_top_level())
+    for chosen_group, chosen_option in options.items():
+        settings.merge_with(_content(chosen_group, chosen_option))
+    content = _content(group, option)
+    values = {key: _plain(settings[key]) for key in content}
+    return values if _is_global(group, option) else values[group]
+
+
+def reference_settings() -> dict[str, Any]:
+    """Returns the settings at the top level of conf/config.yaml (`theta`, `w_obs`, `planner`, ...)."""
+    return _plain(OmegaConf.create(_top_level()))
+
+
+def _top_level() -> dict[str, Any]:
+    """Returns conf/config.yaml without what is meant for Hydra."""
+    return _settings_in(_read(conf_dir() / "config.yaml"))
+
+
+def _default_options() -> dict[str, str]:
+    """Returns the option of each group that conf/config.yaml chooses."""
+    return _options_in(_read(conf_dir() / "config.yaml"))
+
+
+def _content(group: str, option: str) -> dict[str, Any]:
+    """Returns what a file sets, by keys of the top level; includes the file of its group that it builds on, if any."""
+    own = _load(group, option)
+    content = OmegaConf.create()
+    for entry in own.get("defaults", []):
+        if isinstance(entry, str) and entry != "_self_":
+            content.merge_with(_content(group, entry))
+    settings = _settings_in(own)
+    content.merge_with(settings if _is_global(group, option) else {group: settings})
+    return _unresolved(content)
+
+
+def _options_in(content: dict[str, Any]) -> dict[str, str]:
+    """Returns the options of groups that the defaults list of a file chooses: `- /cost: goal_obstacles`."""
+    options: dict[str, str] = {}
+    for entry in content.get("defaults", []):
+        if isinstance(entry, dict):
+            options |= {name.strip("/"): option for name, option in entry.items()}
+    return {group: option for group, option in options.items() if (conf_dir() / group).is_dir()}
+
+
+def _settings_in(content: dict[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in content.items() if key not in ("defaults", "hydra")}
+
+
+def _load(group: str, option: str) -> dict[str, Any]:
+    return _read(_path(group, option))
+
+
+def _read(path: Path) -> dict[str, Any]:
+    return _unresolved(OmegaConf.load(path))
+
+
+def _unresolved(node: Any) -> dict[str, Any]:
+    content: Any = OmegaConf.to_container(node, resolve=False)
+    return dict(content)
+
+
+def _plain(node: Any) -> Any:
+    return OmegaConf.to_container(node, resolve=True) if OmegaConf.is_config(node) else node
+
+
+def _is_global(group: str, option: str) -> bool:
+    return _path(group, option).read_text().startswith(GLOBAL_PACKAGE)
+
+
+def _path(group: str, option: str) -> Path:
+    return conf_dir() / group / f"{option}.yaml"
