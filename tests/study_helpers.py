@@ -94,12 +94,34 @@ def answer(config: dict[str, Any], trials: Sequence[int]) -> list[tuple[int, int
         if trial == wishes.get("is_killed"):
             os.kill(os.getpid(), signal.SIGKILL)
         if trial == wishes.get("hangs"):
-            time.sleep(60)
+            time.sleep(3600)
         if trial == wishes.get("stops"):
+            Path(wishes["stopped"]).write_text(str(os.getpid()))
             os.kill(os.getpid(), signal.SIGSTOP)
         if trial == wishes.get("dies_once") and claim(Path(wishes["flag"])):
             os._exit(9)
     return [(config["seed"], trial) for trial in trials]
+
+
+class AgedWorkers(Lanes):
+    """Workers of which one that has stopped itself, and no other, is taken for as late as can be."""
+
+    def __init__(self, stopped: Path) -> None:
+        super().__init__(1, Setup([TESTS], {}))
+        self._stopped = stopped
+
+    def age(self, future: Any) -> float:
+        if self._stopped.exists() and is_stopped(int(self._stopped.read_text() or "0")):
+            return 1e9
+        return 0.0
+
+
+def is_stopped(pid: int) -> bool:
+    """Whether a process stands still after SIGSTOP."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] == "T"
+    except OSError:
+        return False
 
 
 def claim(flag: Path) -> bool:
@@ -155,7 +177,7 @@ def device(config: dict[str, Any]) -> str:
 def hang(config: dict[str, Any], trials: Sequence[int]) -> None:
     """Say who is working, and go on until killed; an orphan that nobody kills ends by itself."""
     (Path(config["system"]["folder"]) / f"worker-{os.getpid()}").touch()
-    time.sleep(60)
+    time.sleep(3600)
 
 
 def hanging_pool(folder: str) -> None:
@@ -221,3 +243,17 @@ def members(group: int) -> list[int]:
             if int(of) == group and state != "Z":
                 found.append(int(entry.name))
     return found
+
+
+def workers_of(pid: int) -> list[int]:
+    """The worker processes that a command has started."""
+    return [
+        child for child in members(pid) if child != pid and b"spawn_main" in _command_line(child)
+    ]
+
+
+def _command_line(pid: int) -> bytes:
+    try:
+        return Path(f"/proc/{pid}/cmdline").read_bytes()
+    except OSError:
+        return b""

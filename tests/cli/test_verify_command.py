@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from cli_helpers import Said, call, files_in, started
+from cli_helpers import TIMEOUT, Said, call, files_in, started
 from mppi_belief.results.certificate import CERTIFICATE_NAMES, Certificate
 from mppi_belief.results.certificate_files import (
     StoredCertificate,
@@ -20,6 +20,7 @@ from mppi_belief.results.certificate_files import (
 )
 from mppi_belief.verify import runner
 from mppi_belief.verify.bands import at_most
+from study_helpers import poll, workers_of
 
 CHEAP = "matching_feasibility"
 
@@ -202,10 +203,16 @@ def is_gone(group: int) -> bool:
     return False
 
 
+def computing(pid: int) -> bool:
+    """Whether a command has workers, all of which have loaded JAX."""
+    maps = [Path(f"/proc/{worker}/maps").read_text() for worker in workers_of(pid)]
+    return bool(maps) and all("jaxlib" in text for text in maps)
+
+
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_a_signal_ends_it_with_one_word(tmp_path, number, code):
     with started(tmp_path, "verify") as process:
-        time.sleep(6)  # it computes by now, and for long
+        poll(lambda: computing(process.pid), TIMEOUT)  # for a minute
         process.send_signal(number)
         assert process.wait(30) == code
         assert is_gone(process.pid)

@@ -1,10 +1,11 @@
 """A study of several cells as the real command runs it, to be disturbed in every way, and what must be true of it."""
 
+import itertools
 import os
 import signal
 import subprocess
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -12,13 +13,15 @@ from typing import Any, NamedTuple
 import pandas as pd
 
 from cli_helpers import COMMAND, TIMEOUT, started
+from gate_helpers import EVERYTHING, GATED, Gate
 from mppi_belief.results import table as results
 from study_helpers import members, poll
 
 N_TRIALS = 30
 # two controllers and two seeds: four cells of trials of some 10 ms
 SMALL = ("system=scalar_linear", "planner.n_samples=16", "planner.horizon=4", "problem.steps=400")
-STUDY = ("-m", "controller=belief,ce", "seed=0,1", *SMALL, f"n_trials={N_TRIALS}")
+CONTROLLERS = ("--config-dir", GATED, "controller=gated_belief,gated_ce")
+STUDY = ("-m", *CONTROLLERS, "seed=0,1", *SMALL, f"n_trials={N_TRIALS}")
 STOPPED = {signal.SIGINT: 130, signal.SIGTERM: 143}
 
 
@@ -45,6 +48,7 @@ class Run:
     def __init__(self, folder: Path, *study: str) -> None:
         self.folder, self.study = folder, study or STUDY
         self.root = folder / "outputs" / "results"
+        self._gates = itertools.count(1)
 
     def again(self, *more: str, **how: Any) -> Ended:
         """Run it until it ends; `how` is for Popen."""
@@ -61,10 +65,17 @@ class Run:
         )
         return Ended(done.returncode, done.stdout, done.stderr, time.monotonic() - began)
 
+    def gate(self, admitted: int = EVERYTHING) -> Gate:
+        """Returns a new gate, which admits so many trials of a command that is begun with it."""
+        return Gate(self.folder / "gates" / str(next(self._gates)), admitted)
+
     @contextmanager
-    def begun(self, *more: str, **how: Any) -> Iterator[subprocess.Popen[str]]:
-        """Run it in the background; what it says is `err`."""
-        with started(self.folder, "run", *self.study, *more, **how) as process:
+    def begun(
+        self, *more: str, gate: Gate | None = None, **how: Any
+    ) -> Iterator[subprocess.Popen[str]]:
+        """Run it in the background, its trials behind a gate if there is one; what it says is `err`."""
+        environment = gate.environment if gate else None
+        with started(self.folder, "run", *self.study, *more, env=environment, **how) as process:
             yield process
 
     @property
@@ -115,33 +126,6 @@ def _status(pid: int) -> dict[str, str]:
     return {name: value.strip() for name, _, value in (line.partition(":") for line in lines)}
 
 
-def workers_of(pid: int) -> list[int]:
-    """The worker processes that a command has started."""
-    return [
-        child for child in members(pid) if child != pid and b"spawn_main" in _command_line(child)
-    ]
-
-
-def _command_line(pid: int) -> bytes:
-    try:
-        return Path(f"/proc/{pid}/cmdline").read_bytes()
-    except OSError:
-        return b""
-
-
-def cpu_seconds(pid: int) -> float:
-    """What a process has computed."""
-    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
-
-
-def busiest(pids: Iterable[int], seconds: float = 1.0) -> int:
-    """The process that computes most from now on."""
-    before = {pid: cpu_seconds(pid) for pid in pids}
-    time.sleep(seconds)
-    return max(before, key=lambda pid: cpu_seconds(pid) - before[pid])
-
-
 def gone_after(group: int, seconds: float = 1.0) -> list[int]:
     """The processes of a group that still run when so much time has passed."""
     until = time.monotonic() + seconds
@@ -154,3 +138,24 @@ def when(condition: Callable[[], Any], process: subprocess.Popen[str]) -> None:
     """Wait for something to happen while a command runs."""
     poll(lambda: condition() or process.poll() is not None, TIMEOUT)
     assert process.poll() is None, "it ended before it could be disturbed"
+
+
+def kill_one_that_waits(gate: Gate, process: subprocess.Popen[str]) -> None:
+    """Kill a worker that waits at the gate, so that it has a trial."""
+    when(gate.waiting, process)
+    os.kill(gate.waiting()[0], signal.SIGKILL)
+
+
+def send(
+    run: Run, process: subprocess.Popen[str], *numbers: signal.Signals, group: bool = True
+) -> None:
+    """Send signals to a command, to all of its processes as a terminal does, or to the leading one.
+
+    The second one is sent when the command has answered the first.
+    """
+    for position, number in enumerate(numbers):
+        if position > 0:
+            when(lambda: "stopping" in run.err, process)
+        (os.killpg if group else os.kill)(process.pid, number)
+    if len(numbers) == 1:
+        poll(lambda: "stopping" in run.err or process.poll() is not None, TIMEOUT)

@@ -1,43 +1,32 @@
 """The same promises where Dask brings the work to its workers, here to two of its own on this machine."""
 
-import os
 import signal
 
 import pytest
 
-from faults_helpers import SMALL, STOPPED, Run, busiest, gone_after, when, workers_of
+from faults_helpers import STOPPED, Run, gone_after, kill_one_that_waits, send, when
 from test_trials import N_TRIALS, STATUS, UNLUCKY, by_fate, study
 
 DASK = ("executor=dask", "workers=2")
 pytestmark = pytest.mark.long
 
 
-def test_a_worker_that_is_killed_costs_nothing_but_time(tmp_path):
-    long = (
-        "-m",
-        "controller=belief,ce",
-        *SMALL,
-        "planner.n_samples=20000",
-        "n_trials=24",
-    )  # of half a second each
-    undisturbed, run = Run(tmp_path / "undisturbed", *long), Run(tmp_path / "disturbed", *long)
-    for one in (undisturbed, run):
-        one.folder.mkdir()
-    assert undisturbed.again().code == 0
-    with run.begun(*DASK) as process:
+def test_a_worker_that_is_killed_costs_nothing_but_time(tmp_path, undisturbed):
+    run = Run(tmp_path)
+    gate = run.gate(40)
+    with run.begun(*DASK, gate=gate) as process:
         when(run.parts, process)
-        os.kill(
-            busiest(workers_of(process.pid)), signal.SIGKILL
-        )  # the other may have nothing to do
+        kill_one_that_waits(gate, process)
+        gate.open()
         assert process.wait(300) == 0, run.err
     assert "worker died; running" in run.err
     assert "Traceback" not in run.err
-    assert run.hashes() == undisturbed.hashes()
+    assert run.hashes() == undisturbed.hashes
 
 
 def test_no_worker_outlives_its_parent_and_the_same_command_goes_on(tmp_path, undisturbed):
     run = Run(tmp_path)
-    with run.begun(*DASK) as process:
+    with run.begun(*DASK, gate=run.gate(40)) as process:
         when(run.parts, process)
         process.kill()
         process.wait(10)
@@ -51,10 +40,11 @@ def test_no_worker_outlives_its_parent_and_the_same_command_goes_on(tmp_path, un
 )
 def test_signals_and_the_same_command_again(numbers, tmp_path, undisturbed):
     run = Run(tmp_path)
-    with run.begun(*DASK) as process:
+    gate = run.gate(40)
+    with run.begun(*DASK, gate=gate) as process:
         when(run.parts, process)
-        for number in numbers:
-            os.killpg(process.pid, number)
+        send(run, process, *numbers)
+        gate.open()
         code = process.wait(60)
         left = gone_after(process.pid)
     assert (code, left) == (STOPPED[numbers[0]], []), run.err

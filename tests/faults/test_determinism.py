@@ -3,6 +3,7 @@
 import pytest
 
 from faults_helpers import N_TRIALS, SMALL, Run
+from gate_helpers import GATED
 
 SHARDS = 3
 
@@ -28,7 +29,8 @@ def test_whoever_computes_and_however_many(more, tmp_path, undisturbed):
 @pytest.mark.long
 def test_another_order_and_other_resume_points(tmp_path, undisturbed):
     """Cells the other way round, first the first 7 trials, then 22, then all."""
-    run = Run(tmp_path, "-m", "controller=ce,belief", "seed=1,0", *SMALL)
+    reversed_study = ("--config-dir", GATED, "controller=gated_ce,gated_belief", "seed=1,0")
+    run = Run(tmp_path, "-m", *reversed_study, *SMALL)
     for n_trials in (7, 22, N_TRIALS):
         assert run.again(f"n_trials={n_trials}").code == 0
         assert len(run.done()) == 4 * n_trials

@@ -90,12 +90,14 @@ def test_a_disk_that_becomes_read_only_while_it_computes(tmp_path, undisturbed):
     """Where none may be mounted, a folder in which nothing may be made."""
     run = Run(tmp_path)
     with mounted(run.root, "100m") as mount_anew:
-        with run.begun(preexec_fn=obey_permissions) as process:
+        gate = run.gate(40)
+        with run.begun(gate=gate, preexec_fn=obey_permissions) as process:
             when(run.parts, process)
             if mount_anew:
                 mount_anew("ro")
             else:
                 forbid(run, 0o555)
+            gate.open()
             code = process.wait(120)
             assert gone_after(process.pid) == []
         refused(Ended(code, "", run.err, 0.0), run)

@@ -10,7 +10,8 @@ import termios
 import pytest
 
 from cli_helpers import COMMAND
-from faults_helpers import Run, when, workers_of
+from faults_helpers import Run, kill_one_that_waits, when
+from gate_helpers import EVERYTHING
 from study_helpers import poll
 
 BAR = re.compile(r"^\s*\d+%\|.*\| \d+/\d+ \[.*\]$")
@@ -23,9 +24,11 @@ def on_a_terminal(
     ours, theirs = pty.openpty()
     termios.tcsetwinsize(theirs, (40, 100))
     said = bytearray()
+    gate = run.gate(90 if numbers or kill_a_worker else EVERYTHING)
     with subprocess.Popen(
         [COMMAND, "run", *run.study],
         cwd=run.folder,
+        env=gate.environment,
         stdout=subprocess.DEVNULL,
         stderr=theirs,
         start_new_session=True,
@@ -45,11 +48,13 @@ def on_a_terminal(
                 return bool(done)
 
             if kill_a_worker:
-                poll(lambda: read() or (run.parts() and workers_of(process.pid)))
-                os.kill(workers_of(process.pid)[0], signal.SIGKILL)
+                poll(lambda: read() or (run.parts() and gate.waiting()))
+                os.kill(gate.waiting()[0], signal.SIGKILL)
             poll(lambda: read() or len(run.parts()) > 2)
             for number in numbers:
                 process.send_signal(number)
+                poll(lambda: read() or b"stopping" in said)
+            gate.open()
             poll(read, 300)
             code = process.wait(60)
         finally:
@@ -86,9 +91,11 @@ def shown(said: str) -> list[str]:
 def test_without_a_terminal_it_is_quiet_but_for_events(tmp_path, undisturbed):
     """No bar; each event is one line, the table is the output's."""
     run = Run(tmp_path)
-    with run.begun() as process:
+    gate = run.gate(40)
+    with run.begun(gate=gate) as process:
         when(run.parts, process)
-        os.kill(workers_of(process.pid)[0], signal.SIGKILL)
+        kill_one_that_waits(gate, process)
+        gate.open()
         assert process.wait(300) == 0
     lines = run.err.splitlines()
     assert lines

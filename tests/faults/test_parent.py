@@ -7,14 +7,14 @@ import time
 
 import pytest
 
-from faults_helpers import N_TRIALS, Run, begins, gone_after, when, workers_of
-from study_helpers import poll
+from faults_helpers import N_TRIALS, Run, begins, gone_after, when
+from study_helpers import poll, workers_of
 
 
 def test_no_worker_outlives_its_parent_and_the_same_command_goes_on(tmp_path, undisturbed):
     """A worker is killed before, while it starts."""
     run = Run(tmp_path)
-    with run.begun() as process:
+    with run.begun(gate=run.gate(60)) as process:
         when(lambda: len(workers_of(process.pid)) == 2, process)
         os.kill(workers_of(process.pid)[0], signal.SIGKILL)
         when(lambda: len(run.parts()) > 1, process)

@@ -16,7 +16,7 @@ from mppi_belief.run import pool
 from mppi_belief.run.local import Lanes
 from mppi_belief.run.plan import Chunk
 from mppi_belief.run.worker import Lost, Overtime, Setup
-from study_helpers import TESTS, answer, config
+from study_helpers import TESTS, AgedWorkers, answer, config
 
 MINE = str(Path(__file__).parent / "mine")
 N_TRIALS, UNLUCKY = 12, 3
@@ -118,12 +118,12 @@ def test_a_trial_that_holds_all_threads_is_ended_from_outside(tmp_path):
     assert "no timing (Overtime: not done after" in said.err
 
 
-def test_a_call_whose_worker_cannot_look_at_the_clock_is_ended_from_outside(monkeypatch):
+def test_a_call_whose_worker_cannot_look_at_the_clock_is_ended_from_outside(tmp_path):
     """It has stopped altogether; once is enough."""
-    monkeypatch.setattr(pool, "PATIENCE", 0.5)
-    alone = pool.Pool(answer, Lanes(1, Setup([TESTS], {})), print, seconds=3)
+    stopped = tmp_path / "stopped"
+    alone = pool.Pool(answer, AgedWorkers(stopped), print, seconds=60)
     with pytest.raises(Overtime):
-        alone.call(answer, config(stops=1), [1])
+        alone.call(answer, config(stops=1, stopped=str(stopped)), [1])
     assert alone.call(answer, config(), [1]) == [(0, 1)]
     alone.close()
 

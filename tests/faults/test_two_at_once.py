@@ -37,7 +37,11 @@ def test_two_parts_at_once_make_the_whole(tmp_path, undisturbed):
 @pytest.mark.long
 def test_one_of_two_is_killed_and_the_other_ends_right(tmp_path, undisturbed):
     run = Run(tmp_path)
-    with run.begun("workers=1") as victim, run.begun("workers=1") as other:
+    victims_gate = run.gate(20)
+    with (
+        run.begun("workers=1", gate=victims_gate) as victim,
+        run.begun("workers=1") as other,
+    ):
         when(run.parts, victim)
         victim.send_signal(signal.SIGKILL)
         assert other.wait(300) == 0

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from fault_work import HERE
-from faults_helpers import Run, when, workers_of
-from study_helpers import TESTS, poll
+from faults_helpers import Run, kill_one_that_waits, when
+from study_helpers import TESTS, poll, workers_of
 
 
 def kill(pid: int) -> None:
@@ -23,11 +23,13 @@ def kill(pid: int) -> None:
 
 
 def kill_a_worker_at_its_start_and_one_that_computes(run: Run, workers: int) -> tuple[int, str]:
-    with run.begun(f"workers={workers}") as process:
+    gate = run.gate(40)
+    with run.begun(f"workers={workers}", gate=gate) as process:
         when(lambda: len(workers_of(process.pid)) == workers, process)
         kill(workers_of(process.pid)[0])
         when(run.parts, process)
-        kill(workers_of(process.pid)[0])
+        kill_one_that_waits(gate, process)
+        gate.open()
         return process.wait(300), run.err
 
 
@@ -46,10 +48,15 @@ def test_workers_that_are_killed_cost_nothing_but_time(workers, tmp_path, undist
 def test_a_worker_killed_every_second_costs_nothing_but_time(tmp_path, undisturbed):
     """As long as it gets somewhere in between: a trial is given up when its worker dies twice in it alone."""
     run = Run(tmp_path)
-    with run.begun() as process:
+    gate = run.gate(0)
+    with run.begun(gate=gate) as process:
         killed = 0
         while process.poll() is None and killed < 8:
             have = run.parts()
+            if killed < 2:
+                gate.admit(40 * (killed + 1))
+            else:
+                gate.open()
             poll(lambda have=have: run.parts() - have or process.poll() is not None, 120)
             for worker in workers_of(process.pid)[:1]:
                 kill(worker)

@@ -99,7 +99,8 @@ def made(client: Client, count: int = 2, **more: Any) -> Cluster:
     return Cluster(lambda: Site(client, more.pop("end", lambda: None), **more), count, NOTHING)
 
 
-def test_there_is_room_for_one_chunk_a_worker_that_is_there():
+def test_there_is_room_for_one_chunk_a_worker_that_is_there(monkeypatch):
+    monkeypatch.setattr(cluster, "GLANCE", 1e9)
     client = Client(workers=3)
     workers = made(client, count=5)
     assert workers.room() == 3

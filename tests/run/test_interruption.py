@@ -10,19 +10,26 @@ import numpy as np
 import pytest
 
 from cli_helpers import TIMEOUT, Said, command, started
+from gate_helpers import GATED, Gate
 from mppi_belief.results import table as results
 from study_helpers import members, poll
 
-N_TRIALS = 800
-# trials of some 10 ms each, so that an interruption comes in between
+N_TRIALS = 400
+STEPS = 50
+ADMITTED = (
+    20  # trials that may begin before an interruption: two chunks, however fast the machine is
+)
 STUDY = [
     "run",
+    "--config-dir",
+    GATED,
+    "controller=gated_belief",
     "system=scalar_linear",
     "planner.n_samples=16",
     "planner.horizon=4",
-    "problem.steps=600",
+    f"problem.steps={STEPS}",
+    f"n_trials={N_TRIALS}",
 ]
-STUDY += [f"n_trials={N_TRIALS}"]
 
 
 class Interrupted(NamedTuple):
@@ -43,21 +50,22 @@ def rows(folder: Path) -> Any:
     return results.read_rows(cell)
 
 
-def interrupt(folder: Path, how: Callable[[int], None]) -> Interrupted:
+def interrupt(folder: Path, gate: Gate, how: Callable[[int], None]) -> Interrupted:
     """Start the study, call `how` with its process id when a new part file is there, and wait."""
     before = part_files(folder)
-    with started(folder, *STUDY) as process:
+    log = folder / "stderr.txt"
+    with started(folder, *STUDY, env=gate.environment) as process:
         poll(lambda: part_files(folder) - before or process.poll() is not None, TIMEOUT)
-        assert process.poll() is None, "it ended before it could be interrupted"
+        assert process.poll() is None, "a command ends while its trials wait"
         how(process.pid)
+        poll(lambda: "stopping" in log.read_text() or process.poll() is not None, TIMEOUT)
+        gate.open()
         code = process.wait(TIMEOUT)
         try:
-            poll(lambda: not members(process.pid), 10)
+            poll(lambda: not members(process.pid), TIMEOUT)
         finally:
             left = members(process.pid)
-    return Interrupted(
-        code, (folder / "stderr.txt").read_text(), rows(folder)["trial"].tolist(), left
-    )
+    return Interrupted(code, log.read_text(), rows(folder)["trial"].tolist(), left)
 
 
 class Story(NamedTuple):
@@ -73,11 +81,11 @@ class Story(NamedTuple):
 @pytest.fixture(scope="module")
 def story(tmp_path_factory) -> Story:
     folder = tmp_path_factory.mktemp("interrupted")
-    ctrl_c = interrupt(
-        folder, lambda pid: os.killpg(pid, signal.SIGINT)
-    )  # as a terminal does: to all of them
-    terminated = interrupt(folder, lambda pid: os.kill(pid, signal.SIGTERM))
-    killed = interrupt(folder, lambda pid: os.kill(pid, signal.SIGKILL))
+    gates = [Gate(folder / f"gate-{number}", ADMITTED) for number in range(3)]
+    # a terminal sends Ctrl-C to all processes of the command
+    ctrl_c = interrupt(folder, gates[0], lambda pid: os.killpg(pid, signal.SIGINT))
+    terminated = interrupt(folder, gates[1], lambda pid: os.kill(pid, signal.SIGTERM))
+    killed = interrupt(folder, gates[2], lambda pid: os.kill(pid, signal.SIGKILL))
     return Story(folder, ctrl_c, terminated, killed, command(folder, *STUDY))
 
 
@@ -124,7 +132,7 @@ def test_results_are_the_same_bits_with_one_or_two_workers_in_one_or_many_runs(s
     ]
     assert names[0].name == names[1].name
     one, other = (results.read_paths(cell) for cell in names)
-    assert len(one) == 50 * 601
+    assert len(one) == 50 * (STEPS + 1)
     for column in ("trial", "step", "state", "mean", "cov", "control"):
         np.testing.assert_array_equal(np.vstack(one[column]), np.vstack(other[column]))
 
@@ -136,13 +144,15 @@ def test_files_say_how_they_were_made(undisturbed):
     ]
     assert commands == [["mppi-belief", *STUDY, "workers=1"]] * len(commands)
     config = results.read_table(next(cell.glob("part-*")))[0]["sources"][0]["config"]
-    assert (config["names"]["system"], config["problem"]["steps"]) == ("scalar_linear", 600)
+    assert (config["names"]["system"], config["problem"]["steps"]) == ("scalar_linear", STEPS)
 
 
 def test_an_interruption_while_it_starts_prints_no_traceback(tmp_path):
-    with started(tmp_path, *STUDY) as process:
+    gate = Gate(tmp_path / "gate", 0)
+    with started(tmp_path, *STUDY, env=gate.environment) as process:
         poll(lambda: "jaxlib" in Path(f"/proc/{process.pid}/maps").read_text(), TIMEOUT)
         process.send_signal(signal.SIGINT)
+        gate.open()
         code = process.wait(TIMEOUT)
     said = (tmp_path / "stderr.txt").read_text()
     assert "Traceback" not in said

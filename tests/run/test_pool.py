@@ -19,6 +19,7 @@ from mppi_belief.run.pool import Pool
 from mppi_belief.run.worker import Lost, Overtime, Setup
 from study_helpers import (
     TESTS,
+    AgedWorkers,
     answer,
     config,
     ended,
@@ -151,21 +152,22 @@ def test_the_order_to_share_out_long_chunks_is_kept():
 @pytest.mark.parametrize("workers", [1, 2])
 def test_a_trial_that_hangs_is_given_up_and_its_worker_ended(workers, tmp_path):
     log: list[str] = []
-    pool = local_pool(answer, workers, log.append, seconds=0.5)
+    pool = local_pool(answer, workers, log.append, seconds=2.0)
     done = {done.trials[0]: done.outcome for done in pool.run(split(Cell(config(hangs=5)), 12, 4))}
     pool.close()
-    assert done.pop(5) == Lost("timeout", "not done after 0.5 s")
+    assert done.pop(5) == Lost("timeout", "not done after 2 s")
     assert done == {trial: [(0, trial)] for trial in range(12) if trial != 5}
-    assert [line for line in log if "trial 5: not done after 0.5 s; given up" in line] == log
+    assert [line for line in log if "trial 5: not done after 2 s; given up" in line] == log
 
 
-def test_a_worker_that_cannot_even_look_at_the_clock_is_ended(monkeypatch):
-    monkeypatch.setattr("mppi_belief.run.pool.PATIENCE", 0.5)
+def test_a_worker_that_cannot_even_look_at_the_clock_is_ended(tmp_path):
     log: list[str] = []
-    pool = local_pool(answer, 1, log.append, seconds=1.0)
-    done = {done.trials[0]: done.outcome for done in pool.run(split(Cell(config(stops=1)), 3, 2))}
+    stopped = tmp_path / "stopped"
+    pool = Pool(answer, AgedWorkers(stopped), log.append, seconds=60.0)
+    cell = Cell(config(stops=1, stopped=str(stopped)))
+    done = {done.trials[0]: done.outcome for done in pool.run(split(cell, 3, 2))}
     pool.close()
-    assert done.pop(1) == Lost("timeout", "not done after 1 s")
+    assert done.pop(1) == Lost("timeout", "not done after 60 s")
     assert done == {trial: [(0, trial)] for trial in (0, 2)}
     assert ["ended a worker that hangs" in log[0], "it hangs; given up" in log[1], len(log)] == [
         True,
@@ -175,7 +177,7 @@ def test_a_worker_that_cannot_even_look_at_the_clock_is_ended(monkeypatch):
 
 
 def test_a_call_that_hangs_is_given_up(tmp_path):
-    pool = local_pool(answer, 1, seconds=0.5)
+    pool = local_pool(answer, 1, seconds=2.0)
     with pytest.raises(Overtime):
         pool.call(answer, config(hangs=1), [1])
     assert pool.call(answer, config(), [1]) == [(0, 1)]

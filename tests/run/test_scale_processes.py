@@ -21,10 +21,20 @@ def interpreter(monkeypatch):
 
 
 def test_a_command_is_watched_to_its_end(interpreter, tmp_path):
+    """It ends when it has been looked at twice."""
     seen = []
-    ended = processes.watched(
-        ["-c", "import time; time.sleep(0.2)"], tmp_path, seen.append, every=0.01
+
+    def look(pid):
+        seen.append(pid)
+        if len(seen) == 2:
+            (tmp_path / "seen").touch()
+
+    waits = (
+        "import pathlib, time\n"
+        "while not pathlib.Path('seen').exists():\n    time.sleep(0.01)\n"
+        "time.sleep(0.2)\n"
     )
+    ended = processes.watched(["-c", waits], tmp_path, look, every=0.01)
     assert len(seen) > 1
     assert len(set(seen)) == 1
     assert ended.seconds >= 0.2
@@ -47,7 +57,7 @@ def test_a_command_that_fails_is_one_line_and_one_that_hangs_is_ended(
     monkeypatch.setattr(processes, "TIMEOUT", 0.3)
     seen = []
     with pytest.raises(CommandError, match=r"not done in 0\.3 s"):
-        processes.watched(["-c", "import time; time.sleep(60)"], tmp_path, seen.append)
+        processes.watched(["-c", "import time; time.sleep(3600)"], tmp_path, seen.append)
     assert not study_helpers.is_alive(seen[0])
 
 
