@@ -6,7 +6,7 @@ from mppi_belief.cli.main import collect
 from mppi_belief.cli.overview import as_run
 from mppi_belief.config.cell import Cell
 from mppi_belief.report import figures
-from mppi_belief.report.cell_results import find
+from mppi_belief.report.cell_results import read_cell_results
 
 FOLDER = Path("docs/img")
 
@@ -15,7 +15,7 @@ def main() -> None:
     """Read the Table I results of both planners, write trajectories.png and animation.gif."""
     runs, founds = [], []
     for config in collect(["experiment=table_1", "controller=belief,ce"]):
-        found = find(Cell(config), Path(config["results_dir"]), config["n_trials"])
+        found = read_cell_results(Cell(config), Path(config["results_dir"]), config["n_trials"])
         run = as_run(found)
         if run is None:
             raise SystemExit("no results: mppi-belief run experiment=table_1 controller=belief,ce")
@@ -25,8 +25,8 @@ def main() -> None:
         )
         founds.append(found)
     FOLDER.mkdir(parents=True, exist_ok=True)
-    figures.save(figures.compare(runs), FOLDER / "trajectories.png")
-    figures.animate(founds, FOLDER / "animation.gif")
+    figures.save_png(figures.compare_paths(runs), FOLDER / "trajectories.png")
+    figures.write_animation(founds, FOLDER / "animation.gif")
 
 
 if __name__ == "__main__":

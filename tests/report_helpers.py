@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from mppi_belief.config.cell import Cell
-from mppi_belief.report.cell_results import Found, find
+from mppi_belief.report.cell_results import CellResults, read_cell_results
 from mppi_belief.results import files
 from mppi_belief.results import table as results
 from study_helpers import config, failed_row, row
@@ -84,11 +84,11 @@ def held(
     rows: Sequence[dict[str, Any]],
     wanted: int | None = None,
     sources: Sequence[dict[str, Any]] = (),
-) -> Found:
+) -> CellResults:
     """The cell as if these rows had been found."""
     table = pd.DataFrame(list(rows), columns=[*row(0)])
     wanted = len(rows) if wanted is None else wanted
-    return Found(
+    return CellResults(
         cell, wanted, table, pd.DataFrame(columns=[*PATH_COLUMNS]), None, [], None, list(sources)
     )
 
@@ -136,10 +136,10 @@ def store_pictured(folder: Path, trial: int, steps: int = 3) -> None:
     )
 
 
-def read(root: Path, *cells: Cell, wanted: int = 200) -> list[Found]:
+def read(root: Path, *cells: Cell, wanted: int = 200) -> list[CellResults]:
     """The cells as a report finds them; nothing may be complained about."""
     complaints: list[str] = []
-    founds = [find(cell, root, wanted, complaints.append) for cell in cells]
+    founds = [read_cell_results(cell, root, wanted, complaints.append) for cell in cells]
     assert complaints == []
     return founds
 

@@ -42,7 +42,7 @@ def asking(folder: Path, capsys: Any, monkeypatch: pytest.MonkeyPatch) -> Callab
     monkeypatch.setattr(cli, "_tell", lambda *args: 0)
     monkeypatch.setattr(cli, "_certify", lambda *args: 0)
     monkeypatch.setattr(cli, "_what_holds", lambda *args: 0)
-    monkeypatch.setattr(write, "report", lambda *args: True)
+    monkeypatch.setattr(write, "report_studies", lambda *args: True)
     return lambda *args: call(folder, capsys, *args)
 
 

@@ -10,7 +10,7 @@ from cli_helpers import PLANNER
 from fault_work import HERE, unpicklable
 from faults_helpers import Ended, Run
 from mppi_belief.config.cell import Cell
-from mppi_belief.report.summary import summary
+from mppi_belief.report.summary import summarise_trials
 from mppi_belief.results.table import read_table, result_hash
 from mppi_belief.run import pool
 from mppi_belief.run.local import Lanes
@@ -86,7 +86,7 @@ def test_every_kind_is_said_in_a_line_of_its_own(night):
 def test_what_has_no_result_is_counted_and_never_averaged_in(night):
     run, said = night
     for fate, rows in by_fate(run).items():
-        found, good = summary(rows, None), rows[rows["status"] == "ok"]
+        found, good = summarise_trials(rows, None), rows[rows["status"] == "ok"]
         assert (found.trials, found.failed) == (N_TRIALS, int(fate != "nothing"))
         assert found.cost.value == pytest.approx(good["cost"].mean(), rel=1e-12)
         assert math.isfinite(found.cost.value)

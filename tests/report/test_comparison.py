@@ -8,9 +8,9 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from mppi_belief.report.cell_results import Found, paired
-from mppi_belief.report.comparison import as_latex, differences, table_1
-from mppi_belief.report.elements import table
+from mppi_belief.report.cell_results import CellResults, paired_rows
+from mppi_belief.report.comparison import as_latex, method_differences, table_1
+from mppi_belief.report.elements import write_table
 from report_helpers import lost, random_trials, read, rows_on_disk, setting, store, trials
 from study_helpers import row
 
@@ -44,7 +44,7 @@ def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def founds(root: Path) -> list[Found]:
+def founds(root: Path) -> list[CellResults]:
     return read(root, *CELLS.values())
 
 
@@ -87,7 +87,7 @@ def test_the_text_says_what_is_in_the_files(founds, disk):
 
 
 def test_the_csv_has_the_numbers_in_full(founds, disk, tmp_path):
-    table(tmp_path, "table_1", "Table I", table_1(founds), founds)
+    write_table(tmp_path, "table_1", "Table I", table_1(founds), founds)
     written = pd.read_csv(tmp_path / "table_1.csv")
     assert written["controller"].tolist() == [*METHODS]
     for (_, line), rows in zip(written.iterrows(), disk.values(), strict=True):
@@ -112,7 +112,7 @@ def test_the_csv_has_the_numbers_in_full(founds, disk, tmp_path):
 
 
 def test_markdown_has_a_cell_for_every_column(founds, tmp_path):
-    table(tmp_path, "table_1", "Table I", table_1(founds), founds)
+    write_table(tmp_path, "table_1", "Table I", table_1(founds), founds)
     head, rule, *lines = (tmp_path / "table_1.md").read_text().splitlines()
     assert [cell.strip() for cell in head.strip("|").split("|")] == [*table_1(founds).columns]
     assert set(rule) == set("| -")
@@ -183,7 +183,7 @@ def test_latex_is_sound_for_a_method_of_a_users_own(tmp_path):
 
 
 def test_methods_are_compared_over_the_good_trials_that_both_have(founds, disk):
-    frame = differences(founds)
+    frame = method_differences(founds)
     assert frame["Difference"].tolist() == [
         f"MPPI-Belief - {name}" for name in ("CE-MPPI", "PIPF", "EKF-iLQG")
     ]
@@ -216,10 +216,10 @@ def test_pairs_are_made_by_trial_and_not_by_place(tmp_path):
     rows = [row(trial, cost=cost - trial) for trial, cost in costs.items() if trial != 1]
     store(tmp_path, second, [*rows[::-1], lost(1)])
     founds = read(tmp_path, first, second)
-    one, other = paired(*founds)
+    one, other = paired_rows(*founds)
     assert one.index.tolist() == other.index.tolist() == [0, 2, 3, 4, 5]
     assert (one["cost"] - other["cost"]).tolist() == [0, 2, 3, 4, 5]
-    (line,) = differences(founds).to_dict("records")
+    (line,) = method_differences(founds).to_dict("records")
     assert line["Pairs"] == "5"
     assert line["Cost [95 %]"].startswith("2.80 [")
     assert line["McNemar p"] == "1"
@@ -230,10 +230,10 @@ def test_without_common_trials_or_without_a_reference_nothing_is_claimed(tmp_pat
     store(tmp_path, first, [row(trial) for trial in range(5)])
     store(tmp_path, second, [row(trial) for trial in range(5, 9)])
     founds = read(tmp_path, first, second)
-    (line,) = differences(founds).to_dict("records")
+    (line,) = method_differences(founds).to_dict("records")
     assert [*line.values()][1:] == ["0", "-", "-", "-"]
-    assert differences(founds[1:]).empty
-    assert differences(founds[:1]).empty
+    assert method_differences(founds[1:]).empty
+    assert method_differences(founds[:1]).empty
 
 
 def test_a_table_of_nothing_and_of_failures_can_be_written(tmp_path):
@@ -244,5 +244,5 @@ def test_a_table_of_nothing_and_of_failures_can_be_written(tmp_path):
     assert frame["Trials"].tolist() == ["0", "0"]
     assert set(frame[["Cost", "Collision %", "Time ms (p95)"]].to_numpy().ravel()) == {"-"}
     assert [cells[1:4] for cells in body_of(as_latex(founds))] == [["--"] * 3] * 2
-    table(tmp_path, "table_1", "Table I", frame, founds)
+    write_table(tmp_path, "table_1", "Table I", frame, founds)
     assert pd.read_csv(tmp_path / "table_1.csv")["failed"].tolist() == [0, 2]

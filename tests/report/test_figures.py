@@ -22,7 +22,7 @@ from scipy import stats
 
 from mppi_belief.config.cell import Cell
 from mppi_belief.report import figures, published
-from mppi_belief.report.cell_results import NAMES, Found
+from mppi_belief.report.cell_results import METHOD_NAMES, CellResults
 from mppi_belief.report.figures import plane, points, style
 from mppi_belief.results import table as results
 from report_helpers import PATH_COLUMNS
@@ -104,7 +104,7 @@ def found(
     record: dict[str, Any] | None = None,
     bad: Sequence[dict[str, Any]] = (),
     seed: int = 0,
-) -> Found:
+) -> CellResults:
     """A cell with n good trials, `kept` of them with paths, and some bad ones."""
     rows = pd.DataFrame(
         [*judged(n, hits, np.random.default_rng(seed)), *bad], columns=[*results._TYPES]
@@ -113,7 +113,7 @@ def found(
     paths = pd.DataFrame(
         [step for trial in range(kept) for step in steps(trial, nx)], columns=PATH_COLUMNS
     )
-    return Found(
+    return CellResults(
         at or cell(), n + len(bad), rows, paths, scene if kept else None, list(seconds), record, []
     )
 
@@ -175,12 +175,12 @@ def settings_stay() -> Iterator[None]:
 
 
 def test_every_method_has_its_own_colour_marker_and_line():
-    assert set(style.LOOKS) == set(NAMES)
-    looks = [*style.LOOKS.values(), figures.look("mine")]
+    assert set(style.LOOKS) == set(METHOD_NAMES)
+    looks = [*style.LOOKS.values(), figures.method_look("mine")]
     assert len({one.colour for one in looks}) == len({one.marker for one in looks}) == len(looks)
     assert len({str(one.line) for one in style.LOOKS.values()}) == len(style.LOOKS)
     assert style.ORANGE not in {one.colour for one in looks}
-    assert sorted(["mine", "ilqg", "ce", "pipf", "belief"], key=style.place) == [
+    assert sorted(["mine", "ilqg", "ce", "pipf", "belief"], key=style.method_order) == [
         *[*style.LOOKS][:4],
         "mine",
     ]
@@ -193,7 +193,7 @@ def test_text_is_legible_in_a_column():
     assert min(sizes) >= 7
 
 
-def many(methods: int) -> list[Found]:
+def many(methods: int) -> list[CellResults]:
     return [found(cell(method), kept=1, hits=0) for method in [*style.LOOKS][:methods]]
 
 
@@ -228,7 +228,7 @@ def test_no_text_is_cut_off_or_written_over_another(draw, methods):
 def test_the_same_results_are_the_same_bytes(tmp_path):
     for folder in ("one", "two"):
         figure = figures.figure_1([found(kept=2)])
-        assert figures.save_both(figure, tmp_path / folder, "fig") == ["fig.png", "fig.pdf"]
+        assert figures.save_png_and_pdf(figure, tmp_path / folder, "fig") == ["fig.png", "fig.pdf"]
     for name in ("fig.png", "fig.pdf"):
         one, two = ((tmp_path / folder / name).read_bytes() for folder in ("one", "two"))
         assert one == two
@@ -243,7 +243,7 @@ def test_a_picture_that_cannot_be_written_leaves_the_one_before(tmp_path):
     figure = Figure()
     figure.text(0.5, 0.5, r"$\nonsense$")
     with pytest.raises(ValueError):
-        figures.save_both(figure, tmp_path, "fig")
+        figures.save_png_and_pdf(figure, tmp_path, "fig")
     assert [path.read_bytes() for path in tmp_path.iterdir()] == [b"before"]
 
 
@@ -282,7 +282,7 @@ def test_paths_are_those_of_the_trials_and_those_that_collide_are_set_apart():
     assert [to_hex(line.get_color()).upper() for line in lines] == [
         style.ORANGE,
         style.ORANGE,
-        style.look("pipf").colour,
+        style.method_look("pipf").colour,
     ]
     for trial, line in enumerate(lines):
         np.testing.assert_allclose(line.get_xydata(), [step["state"][:2] for step in steps(trial)])
@@ -349,7 +349,7 @@ def test_a_belief_that_is_not_finite_has_no_ellipse():
 SETTINGS = tuple(itertools.product(("ilqg", "belief"), (100.0, 1000.0, 10000.0)))
 
 
-def weights(n: int = 12) -> list[Found]:
+def weights(n: int = 12) -> list[CellResults]:
     return [
         found(cell(method, w_obs=w), n=n, hits=k, bad=BAD, seed=k)
         for k, (method, w) in enumerate(SETTINGS)
@@ -441,7 +441,7 @@ def test_no_obstacles_no_clearance():
 
 def test_a_method_has_its_colour_in_every_figure():
     given = [found(cell(method), kept=2, hits=0) for method in ("belief", "ce", "mine")]
-    expected = {one.name: to_hex(style.look(one.method).colour) for one in given}
+    expected = {one.name: to_hex(style.method_look(one.method).colour) for one in given}
     for figure in (figures.figure_2(given), figures.theta_figure(given)):
         assert colours(figure.axes[0]) == expected
     paths = {
@@ -486,7 +486,7 @@ def test_no_residual_no_figure(given):
     assert figures.residual_figure(given) is None
 
 
-def sampled(horizon: int, samples: int, **more: Any) -> Found:
+def sampled(horizon: int, samples: int, **more: Any) -> CellResults:
     swept = {"planner.horizon": horizon, "planner.n_samples": samples}
     return found(cell(**swept), seed=horizon + samples, **more)
 
@@ -547,7 +547,7 @@ def close(picture: np.ndarray, colour: str) -> int:
 
 def test_an_animation_has_a_frame_a_step_that_goes_on_and_says_when_it_collides(tmp_path):
     target = tmp_path / "trial.gif"
-    assert figures.animate(
+    assert figures.write_animation(
         [found(cell("ce"), kept=1, record=recording()), found(kept=1, record=recording())], target
     )
     pictures, durations = frames(target)
@@ -555,7 +555,7 @@ def test_an_animation_has_a_frame_a_step_that_goes_on_and_says_when_it_collides(
     assert durations == [100] * STEPS + [1500]
     assert pictures[0].shape[1] == 900
     assert all(np.any(one != two) for one, two in itertools.pairwise(pictures))
-    path = [close(picture, style.look("ce").colour) for picture in pictures]
+    path = [close(picture, style.method_look("ce").colour) for picture in pictures]
     assert path[-1] > 2 * path[0]
     inside = [
         np.linalg.norm(step["state"][:2] - OBSTACLES, axis=1).min() <= RADIUS for step in steps(0)
@@ -569,7 +569,7 @@ def test_an_animation_has_a_frame_a_step_that_goes_on_and_says_when_it_collides(
 
 def test_long_trials_are_thinned(tmp_path, monkeypatch):
     monkeypatch.setattr("mppi_belief.report.figures.animation.FRAMES", 4)
-    assert figures.animate([found(kept=1, record=recording())], tmp_path / "trial.gif")
+    assert figures.write_animation([found(kept=1, record=recording())], tmp_path / "trial.gif")
     assert len(frames(tmp_path / "trial.gif")[0]) == 5
 
 
@@ -586,8 +586,8 @@ def test_long_trials_are_thinned(tmp_path, monkeypatch):
     ids=["no recording", "no paths", "no samples", "another trial", "a line", "a failed trial"],
 )
 def test_nothing_recorded_no_animation(given, tmp_path):
-    assert figures.animate([given], tmp_path / "trial.gif") is False
-    assert figures.animate([], tmp_path / "trial.gif") is False
+    assert figures.write_animation([given], tmp_path / "trial.gif") is False
+    assert figures.write_animation([], tmp_path / "trial.gif") is False
     assert list(tmp_path.iterdir()) == []
 
 

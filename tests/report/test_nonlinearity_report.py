@@ -10,7 +10,7 @@ from scipy.stats import chi2
 
 from mppi_belief.config.cell import Cell
 from mppi_belief.report import figures
-from mppi_belief.report.cell_results import Found
+from mppi_belief.report.cell_results import CellResults
 from mppi_belief.report.sections import nonlinearity as consistency
 from mppi_belief.report.sections.studies import sections
 from mppi_belief.report.statistics import chi_square_band
@@ -24,7 +24,7 @@ N, STEPS, NX, NY = 40, 60, 4, 2
 
 def cell(
     filter: str, curvature: float, nees: float, nis: float, loss: float = 1.5, recorded: bool = True
-) -> Found:
+) -> CellResults:
     """A cell of `system=bent` whose means are these; the oracle costs `loss` less, trial by trial."""
     made = setting(**{"filter": filter, "system.curvature": curvature}).config
     config = made | {
@@ -45,7 +45,7 @@ def cell(
     return held(Cell(config), rows)._replace(recording=told if recorded else None)
 
 
-def oracle() -> Found:
+def oracle() -> CellResults:
     made = setting("oracle").config
     config = made | {
         "names": made["names"] | {"filter": "ekf", "system": "bent"},
@@ -55,7 +55,7 @@ def oracle() -> Found:
 
 
 @pytest.fixture
-def founds() -> list[Found]:
+def founds() -> list[CellResults]:
     return [
         oracle(),
         cell("ukf", 1.0, 1.0, 1.0),

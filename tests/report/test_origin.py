@@ -4,8 +4,8 @@ from typing import Any
 
 import pytest
 
-from mppi_belief.report.cell_results import Found
-from mppi_belief.report.origin import provenance, warnings
+from mppi_belief.report.cell_results import CellResults
+from mppi_belief.report.origin import trial_provenance, trial_warnings
 from report_helpers import held, lost, setting, trials
 
 
@@ -26,12 +26,12 @@ def source(**changes: Any) -> dict[str, Any]:
     return run | place | {"elapsed": 60.0, "versions": versions} | changes
 
 
-def complete(*sources: dict[str, Any], **cell: Any) -> Found:
+def complete(*sources: dict[str, Any], **cell: Any) -> CellResults:
     return held(setting(**cell), trials(200), 200, sources or [source()])
 
 
-def told(founds: list[Found]) -> dict[str, str]:
-    return dict(provenance(founds))
+def told(founds: list[CellResults]) -> dict[str, str]:
+    return dict(trial_provenance(founds))
 
 
 OTHER_JAXLIB = source()["versions"] | {"jaxlib": "0.8.0"}
@@ -61,8 +61,8 @@ INSTALLED: dict[str, Any] = {"commit": None, "dirty": None}
     ],
 )
 def test_complete_results_of_one_kind_have_no_warnings(sources):
-    assert warnings([complete(*sources), complete(*sources, method="ce")]) == []
-    assert warnings([complete(one) for one in sources]) == []
+    assert trial_warnings([complete(*sources), complete(*sources, method="ce")]) == []
+    assert trial_warnings([complete(one) for one in sources]) == []
 
 
 @pytest.mark.parametrize(
@@ -78,38 +78,38 @@ def test_complete_results_of_one_kind_have_no_warnings(sources):
 def test_results_of_two_kinds_are_one_warning_that_names_both(other, words):
     mixed = [source(), source(**other)]
     for founds in ([complete(*mixed)], [complete(one) for one in mixed]):
-        (line,) = warnings(founds)
+        (line,) = trial_warnings(founds)
         assert all(word in line for word in words)
 
 
 def test_two_installed_versions_are_different():
     versions = [source()["versions"] | {"mppi-belief": name} for name in ("0.1.0", "0.2.0")]
-    (line,) = warnings([complete(*(source(versions=one, **INSTALLED) for one in versions))])
+    (line,) = trial_warnings([complete(*(source(versions=one, **INSTALLED) for one in versions))])
     assert "installed package 0.1.0; installed package 0.2.0" in line
 
 
 def test_uncommitted_changes_are_told():
-    (line,) = warnings([complete(source(dirty=True), source(dirty=True))])
+    (line,) = trial_warnings([complete(source(dirty=True), source(dirty=True))])
     assert "uncommitted changes" in line
-    clean_and_not = warnings([complete(source(), source(dirty=True))])
+    clean_and_not = trial_warnings([complete(source(), source(dirty=True))])
     assert len(clean_and_not) == 2
     assert "4a7f400; 4a7f400 with changes" in clean_and_not[0]
     assert "uncommitted changes" in clean_and_not[1]
 
 
 def test_fewer_trials_than_the_papers_are_told():
-    (line,) = warnings([held(setting(), trials(50), 50, [source()])])
+    (line,) = trial_warnings([held(setting(), trials(50), 50, [source()])])
     assert line.startswith("50 trials a cell are fewer than the paper's 200")
-    assert warnings([held(setting(), trials(250), 250, [source()])]) == []
+    assert trial_warnings([held(setting(), trials(250), 250, [source()])]) == []
 
 
 def test_missing_trials_are_counted_and_failed_ones_too():
     behind = held(setting("ce"), trials(180), 200, [source()])
     none = held(setting("pipf"), [], 200)
-    (line,) = warnings([complete(), behind, none])
+    (line,) = trial_warnings([complete(), behind, none])
     assert line.startswith("2 of 3 cells are incomplete: 220 trials missing")
     broken = [*trials(197), *(lost(trial) for trial in range(197, 200))]
-    (line,) = warnings([complete(), held(setting("ce"), broken, 200, [source()])])
+    (line,) = trial_warnings([complete(), held(setting("ce"), broken, 200, [source()])])
     assert line.startswith("3 trials failed")
 
 
@@ -123,7 +123,7 @@ def test_everything_at_once_is_a_line_each():
             [source(dirty=True, commit="a"), source(versions=OTHER_JAXLIB, algorithm=2)],
         )
     ]
-    lines = warnings(founds)
+    lines = trial_warnings(founds)
     assert len(lines) == len(set(lines)) == 7
     assert not any("\n" in line for line in lines)
 
@@ -158,7 +158,7 @@ def test_wall_time_adds_over_runs_and_counts_each_run_to_its_last_trial():
 
 def test_files_that_say_little_or_nothing_do_not_stop_a_report():
     founds = [held(setting(), trials(200), 200, [{"format": 1}])]
-    assert warnings(founds) == []
+    assert trial_warnings(founds) == []
     assert told(founds)["commit"] == "installed package of unknown version"
     assert told(founds)["wall time"].startswith("0.0 min")
 
@@ -166,8 +166,8 @@ def test_files_that_say_little_or_nothing_do_not_stop_a_report():
 def test_nothing_has_no_origin():
     found = told([held(setting(), [], 200)])
     assert (found["commit"], found["commands"], found["trials"]) == ("-", "-", "0 in 1 cells")
-    assert provenance([])
-    assert warnings([]) == []
+    assert trial_provenance([])
+    assert trial_warnings([]) == []
 
 
 def test_the_device_is_named_where_it_is_known():

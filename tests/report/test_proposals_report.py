@@ -3,7 +3,7 @@
 import pytest
 
 from mppi_belief.report import figures
-from mppi_belief.report.cell_results import Found
+from mppi_belief.report.cell_results import CellResults
 from mppi_belief.report.sections.proposals import saved, twins
 from mppi_belief.report.sections.studies import sections
 from report_helpers import held, setting, trials
@@ -11,7 +11,7 @@ from report_helpers import held, setting, trials
 
 def found(
     proposal: str, samples: int, cost: float, ess: float, method: str = "belief", **more
-) -> Found:
+) -> CellResults:
     """Twenty trials of a cell that takes a millisecond for a hundred samples."""
     swept = {"controller.proposal": proposal, "planner.n_samples": samples}
     cell = setting(method, **more, **swept)
@@ -22,7 +22,7 @@ def found(
     return held(cell, rows)._replace(seconds=[samples / 1e5] * 20)
 
 
-def study() -> list[Found]:
+def study() -> list[CellResults]:
     return [
         found("nominal", 50, 100.0, 2.0),
         found("nominal", 500, 57.0, 10.0),

@@ -11,7 +11,7 @@ import mppi_belief as mb
 from cli_helpers import CONF, collect
 from helpers import quick_jit
 from mppi_belief.belief.gaussian import RootBelief
-from mppi_belief.report.cell_results import Found
+from mppi_belief.report.cell_results import CellResults
 from mppi_belief.report.sections.published_problems import lines, seen
 from mppi_belief.report.sections.studies import sections
 from mppi_belief.trial import Experiment, build
@@ -120,7 +120,7 @@ def test_the_plan_of_least_published_cost_goes_to_the_light(study, furthest, J, 
     assert by_the_light + R * np.sum(best.x**2) < at_once + R * np.sum(straight**2)
 
 
-def found(method: str, reaches: list[float], **changed) -> Found:
+def found(method: str, reaches: list[float], **changed) -> CellResults:
     """A cell whose kept trials go to these x and back, 0.3 m uncertain; trial 9 went wrong."""
     cell = setting(method)
     cell = cell._replace(config=cell.config | {"system": {"light": LIGHT}})

@@ -14,11 +14,11 @@ from cli_helpers import CONF, call, collect
 from mppi_belief.config.cell import Cell
 from mppi_belief.config.compose import grids
 from mppi_belief.report import figures
-from mppi_belief.report.cell_results import Found
+from mppi_belief.report.cell_results import CellResults
 from mppi_belief.report.sections.quality_per_time import ABOVE, ENOUGH, advice, collisions, lines
 from mppi_belief.report.sections.studies import sections
 from mppi_belief.report.statistics import paired_rate_difference
-from mppi_belief.report.summary import interval
+from mppi_belief.report.summary import interval_text
 from report_helpers import held, lost, setting, spread_out, trials
 from study_helpers import row
 
@@ -40,7 +40,9 @@ def cell(method: str, value: int) -> Cell:
     )
 
 
-def found(method: str, value: int, cost: float, ms: float | None = None, hits: int = 0) -> Found:
+def found(
+    method: str, value: int, cost: float, ms: float | None = None, hits: int = 0
+) -> CellResults:
     """A cell whose trials all cost as much above those of another cell as their means are apart."""
     made = held(cell(method, value), trials(N, hits, (cost, SD)))
     return (
@@ -50,7 +52,7 @@ def found(method: str, value: int, cost: float, ms: float | None = None, hits: i
     )
 
 
-def belief() -> list[Found]:
+def belief() -> list[CellResults]:
     """Three numbers of samples, the largest the best by 2 and 10 %."""
     return [
         found("belief", 50, 55.0, 0.2),
@@ -126,7 +128,7 @@ def test_costs_are_compared_on_the_trials_that_both_have():
     assert text == "10.00 [10.00, 10.00]"
 
 
-def told(found: Found, value: int) -> str:
+def told(found: CellResults, value: int) -> str:
     key = KEYS.get(found.method, "planner.n_samples")
     return rf"`{re.escape(key)}={value}` \(cost {found.good['cost'].mean():.1f} \[[^]]+\], [\d.]+ ms a step\)"
 
@@ -213,12 +215,12 @@ def test_collisions_are_compared_trial_by_trial_from_the_quickest_setting_to_the
     change, _ = paired_rate_difference(np.arange(N) < 2, np.arange(N) < 12)
     assert re.fullmatch(r"Collisions: 10\.0 to 60\.0 %; from .* by (.*) points", sentence)[
         1
-    ] == interval(change.times(100), 1)
+    ] == interval_text(change.times(100), 1)
     assert change.value == -0.5
     assert collisions([quick, held(cell("ce", 5), [lost(0)])]) == "Collisions: 60.0 [36.1, 80.9] %"
 
 
-def everything() -> list[Found]:
+def everything() -> list[CellResults]:
     ilqg = [found("ilqg", 1, 47.0, 0.4, hits=7), found("ilqg", 50, 45.0, 0.6, hits=6)]
     pipf = [found("pipf", 20, 55.0, 1.0, hits=4), found("pipf", 200, 51.0, 6.0, hits=4)]
     ce = [found("ce", 50, 52.0, 0.1, hits=7), found("ce", 5000, 45.5, 3.0, hits=6)]

@@ -14,11 +14,11 @@ from matplotlib.image import imread
 from scipy import stats
 
 from helpers import SIGMAS
-from mppi_belief.cli.overview import overview
+from mppi_belief.cli.overview import show_overview
 from mppi_belief.config.cell import Cell
 from mppi_belief.report import figures
 from mppi_belief.report.statistics import Estimate, mean_interval, proportion_interval
-from mppi_belief.report.summary import as_text, summarise
+from mppi_belief.report.summary import aligned_text, summary_text
 from mppi_belief.results import files
 from mppi_belief.results import table as results
 from study_helpers import config, failed_row, row
@@ -82,7 +82,7 @@ def rows(n: int = 20, **changes: Any) -> pd.DataFrame:
 
 
 def test_a_line_says_what_its_trials_show():
-    line = summarise(
+    line = summary_text(
         rows(), {"controller": "belief", "theta": 0.5, "w_obs": math.nan}, [1e-3] * 99 + [1.0]
     )
     value, low, high = mean_interval(np.arange(20) + 3.0)
@@ -98,7 +98,7 @@ def test_failed_trials_are_counted_and_in_no_average():
     bad = [failed_row({}, 90, "error", "oh"), failed_row({}, 91, "crashed", "gone")]
     diverged = row(92, status="diverged", cost=math.inf, collided=True, clearance=-9.0)
     mixed = pd.concat([rows(), pd.DataFrame([*bad, diverged])], ignore_index=True)
-    clean, line = summarise(rows(), {}, None), summarise(mixed, {}, None)
+    clean, line = summary_text(rows(), {}, None), summary_text(mixed, {}, None)
     assert line.pop("trials") == "23 (3 failed)"
     clean.pop("trials")
     assert line == clean
@@ -106,7 +106,7 @@ def test_failed_trials_are_counted_and_in_no_average():
 
 
 def test_a_line_of_failures_only_or_of_one_trial_can_be_written():
-    lost = summarise(
+    lost = summary_text(
         pd.DataFrame([failed_row({}, trial, "error", "oh") for trial in range(2)]), {}, None
     )
     assert (lost["trials"], lost["cost [95 %]"], lost["collided % [95 %]"]) == (
@@ -114,14 +114,16 @@ def test_a_line_of_failures_only_or_of_one_trial_can_be_written():
         "-",
         "-",
     )
-    one = summarise(rows(1), {}, [])
+    one = summary_text(rows(1), {}, [])
     assert one["cost [95 %]"] == "3.00"
-    far = summarise(rows().assign(clearance=math.inf), {}, None)
+    far = summary_text(rows().assign(clearance=math.inf), {}, None)
     assert far["clearance m [95 %]"] == "-"
 
 
 def test_a_table_has_a_header_and_a_row_for_every_line():
-    text = as_text([{"controller": "belief", "theta": "1"}, {"controller": "ce", "trials": "5"}])
+    text = aligned_text(
+        [{"controller": "belief", "theta": "1"}, {"controller": "ce", "trials": "5"}]
+    )
     assert [line.split() for line in text.splitlines()] == [
         ["controller", "theta", "trials"],
         ["belief", "1", "-"],
@@ -170,9 +172,9 @@ LINE = {"dt": 0.1, "start": [2.0], "goal": [0.0], "obstacles": [], "radius": 0.0
 def test_pictures_of_the_plane_and_of_a_line_over_time(scene, nx, shape, tmp_path):
     table = pd.DataFrame(paths(3, nx))
     before = settings()
-    figure = figures.trajectories(table, scene, {1}, "a title")
+    figure = figures.trajectories_figure(table, scene, {1}, "a title")
     assert figure.axes[0].get_title() == "a title"
-    figures.save(figure, tmp_path / "picture.png")
+    figures.save_png(figure, tmp_path / "picture.png")
     image = imread(tmp_path / "picture.png")
     assert image.shape[:2] == shape
     assert 0.01 < np.mean(image[..., :3].min(axis=-1) < 0.9) < 0.9
@@ -185,7 +187,7 @@ def legend(figure: Figure) -> list[str]:
 
 
 def test_a_picture_shows_every_path_and_says_which_collide():
-    figure = figures.trajectories(pd.DataFrame(paths(3, 4)), plane([[3, 1]]), {1}, "")
+    figure = figures.trajectories_figure(pd.DataFrame(paths(3, 4)), plane([[3, 1]]), {1}, "")
     axes = figure.axes[0]
     drawn = [line for line in axes.lines if len(line.get_xdata()) == 4]
     assert [line.get_color() for line in drawn] == [figures.BLUE, figures.ORANGE, figures.BLUE]
@@ -196,7 +198,7 @@ def test_a_picture_shows_every_path_and_says_which_collide():
     (low, high), (bottom, top) = axes.get_xlim(), axes.get_ylim()
     assert low < 1 < 7 < high
     assert bottom < 0 < 2.3 < top
-    assert legend(figures.trajectories(pd.DataFrame(paths(3, 4)), plane([]), set(), "")) == [
+    assert legend(figures.trajectories_figure(pd.DataFrame(paths(3, 4)), plane([]), set(), "")) == [
         "start",
         "goal",
         "3 paths",
@@ -205,13 +207,13 @@ def test_a_picture_shows_every_path_and_says_which_collide():
 
 def test_pictures_can_be_compared_on_one_scale():
     runs = [
-        figures.Run(pd.DataFrame(paths(n, 4)), plane([[3, 1]]), set(), f"{n} trials")
+        figures.PathPanel(pd.DataFrame(paths(n, 4)), plane([[3, 1]]), set(), f"{n} trials")
         for n in (1, 2, 12)
     ]
-    figure = figures.compare(runs)
+    figure = figures.compare_paths(runs)
     assert legend(figure) == ["start", "goal", "a trial"]
     assert (
-        legend(figures.compare([*runs, runs[0]._replace(collided={0})]))[3]
+        legend(figures.compare_paths([*runs, runs[0]._replace(collided={0})]))[3]
         == "a trial that collides"
     )
     panels = figure.axes[:4]
@@ -248,30 +250,33 @@ def test_the_overview_prints_a_table_draws_and_counts_failures(tmp_path, capsys)
         failed_row({}, 9, "crashed", "late"),
         seed=1,
     )
-    assert overview([good, bad], tmp_path, 4, outcome({good.id: 4, bad.id: 0}, 2)) == 1
+    assert show_overview([good, bad], tmp_path, 4, outcome({good.id: 4, bad.id: 0}, 2)) == 1
     out, err = capsys.readouterr()
     header, first, second, counts, pictures = out.splitlines()
     assert header.split()[:5] == ["controller", "theta", "w_obs", "seed", "trials"]
     assert (first.split()[3:5], second.split()[3:7]) == (["0", "4"], ["1", "2", "(1", "failed)"])
     assert counts == f"4 trials run, 4 found done; results in {tmp_path}"
     assert err == f"{bad.id}: 1 error, e.g. trial 1: oh dear\n"
-    assert figures.NAME in pictures
-    assert all((tmp_path / cell.id / figures.NAME).stat().st_size > 5000 for cell in (good, bad))
+    assert figures.TRAJECTORIES_PNG in pictures
+    assert all(
+        (tmp_path / cell.id / figures.TRAJECTORIES_PNG).stat().st_size > 5000
+        for cell in (good, bad)
+    )
 
 
 def test_a_picture_is_drawn_again_only_when_trials_came(tmp_path, capsys):
     cell = stored(tmp_path, row(0), row(1))
-    picture = tmp_path / cell.id / figures.NAME
-    overview([cell], tmp_path, 2, outcome({cell.id: 0}))
+    picture = tmp_path / cell.id / figures.TRAJECTORIES_PNG
+    show_overview([cell], tmp_path, 2, outcome({cell.id: 0}))
     picture.write_bytes(b"mine")
-    overview([cell], tmp_path, 2, outcome({cell.id: 0}))
+    show_overview([cell], tmp_path, 2, outcome({cell.id: 0}))
     assert picture.read_bytes() == b"mine"
-    overview([cell], tmp_path, 2, outcome({cell.id: 2}))
+    show_overview([cell], tmp_path, 2, outcome({cell.id: 2}))
     assert picture.read_bytes() != b"mine"
     assert str(picture) in capsys.readouterr().out
 
 
 def test_an_overview_of_nothing_is_possible(tmp_path, capsys):
     cell = Cell(config())
-    assert overview([cell], tmp_path, 5, outcome({cell.id: 0})) == 0
+    assert show_overview([cell], tmp_path, 5, outcome({cell.id: 0})) == 0
     assert capsys.readouterr().out == f"0 trials run, 0 found done; results in {tmp_path}\n"

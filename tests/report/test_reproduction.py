@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import pytest
 
-from mppi_belief.report.cell_results import Found
+from mppi_belief.report.cell_results import CellResults
 from mppi_belief.report.sections.reproduction import (
     FITTED,
     HELD_OUT,
@@ -40,7 +40,7 @@ def likelihood_ratio(hits: int, n: int, other: float, m: int) -> float:
     return math.copysign(math.sqrt(max(0.0, 2 * (two - one))), hits / n - other / m)
 
 
-def table_1(n: int = 200, **hits: int) -> list[Found]:
+def table_1(n: int = 200, **hits: int) -> list[CellResults]:
     """The four methods with the paper's own costs and, if nothing else is said, its collisions."""
     return [
         held(setting(method), trials(n, hits.get(method, round(n * rate / 100)), (cost, sd)))
@@ -48,7 +48,7 @@ def table_1(n: int = 200, **hits: int) -> list[Found]:
     ]
 
 
-def sweep(method: str, rates: dict[float, float], n: int = 200) -> list[Found]:
+def sweep(method: str, rates: dict[float, float], n: int = 200) -> list[CellResults]:
     """A method over weights, with collision rates in %."""
     return [
         held(setting(method, w_obs=w_obs), trials(n, round(n * rate / 100)))
@@ -56,7 +56,7 @@ def sweep(method: str, rates: dict[float, float], n: int = 200) -> list[Found]:
     ]
 
 
-def weights() -> list[Found]:
+def weights() -> list[CellResults]:
     """As the paper says."""
     baselines = [
         found
@@ -69,7 +69,7 @@ def weights() -> list[Found]:
     )
 
 
-def thetas() -> list[Found]:
+def thetas() -> list[CellResults]:
     found = {
         0.0: (46, 0.11, 51.3),
         0.5: (5, 0.80, 54.0),

@@ -59,7 +59,7 @@ def test_a_file_that_is_no_certificate_counts_as_missing(tmp_path, content):
 
 
 def test_the_terminal_shows_every_number_with_its_band_and_verdict(tmp_path, capsys):
-    assert theory.show(stored(made()), stored(made()), tmp_path)
+    assert theory.show_certificates(stored(made()), stored(made()), tmp_path)
     lines = capsys.readouterr().out.splitlines()
     assert lines[0] == "Statement of cole_hopf  (1.2 s)"
     assert lines[1].split() == ["residual", "1e-13", "≤", "1e-12", "holds"]
@@ -69,7 +69,7 @@ def test_the_terminal_shows_every_number_with_its_band_and_verdict(tmp_path, cap
 
 def test_a_failure_is_told_and_returned(tmp_path, capsys):
     two = stored(made(), made("feynman_kac", value=1.0))
-    assert not theory.show(two, two, tmp_path)
+    assert not theory.show_certificates(two, two, tmp_path)
     said = capsys.readouterr().out
     assert said.count("FAILS") == 1
     assert "1 of 2 certificates hold" in said
@@ -77,7 +77,7 @@ def test_a_failure_is_told_and_returned(tmp_path, capsys):
 
 def test_the_files_have_the_full_numbers_and_the_figures(tmp_path):
     both = stored(made(value=0.1 + 0.2), made("feynman_kac"))
-    theory.show(both[:1], both, tmp_path)
+    theory.show_certificates(both[:1], both, tmp_path)
     numbers = pd.read_csv(tmp_path / "certificates.csv")
     assert numbers["value"][0] == 0.1 + 0.2
     assert list(numbers["holds"]) == [False, True, True, True]

@@ -7,7 +7,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from mppi_belief.report import figures
-from mppi_belief.report.cell_results import Found
+from mppi_belief.report.cell_results import CellResults
 from mppi_belief.report.sections.studies import sections
 from mppi_belief.report.sections.two_lanes import arrivals, panels
 from mppi_belief.report.statistics import proportion_interval
@@ -18,7 +18,7 @@ pytestmark = pytest.mark.long
 STARTS = [[0.5, 1.6], [0.5, -1.6]]
 
 
-def found(method: str, hits: int, arrived: int, **swept) -> Found:
+def found(method: str, hits: int, arrived: int, **swept) -> CellResults:
     """Twenty trials of a method, of which the last ones arrive, and one that went wrong."""
     theta = swept.pop("theta", float("nan"))
     rows = [
@@ -28,12 +28,12 @@ def found(method: str, hits: int, arrived: int, **swept) -> Found:
     return held(setting(method, theta=theta, **swept), [*rows, lost(20)])
 
 
-def pictured(one: Found) -> Found:
+def pictured(one: CellResults) -> CellResults:
     steps = [{"trial": 3, "step": k, "state": np.array([k, 1.0, 0, 0])} for k in range(3)]
     return one._replace(paths=pd.DataFrame(steps), scene=SCENE | {"starts": STARTS})
 
 
-def study() -> list[Found]:
+def study() -> list[CellResults]:
     return [
         found("belief", 1, 18, theta=1.0, filter="mixture"),
         found("belief", 4, 7, theta=1.0, filter="ekf"),
@@ -79,7 +79,7 @@ def test_the_picture_has_both_filters_of_each_planner_and_every_start(tmp_path):
         "MPPI-Belief, filter=ekf",
         "CE-MPPI, filter=ekf",
     ]
-    figure = figures.compare(runs)
+    figure = figures.compare_paths(runs)
     assert isinstance(figure, Figure)
     FigureCanvasAgg(figure).draw()
     for axes in figure.axes[:3]:

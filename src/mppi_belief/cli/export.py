@@ -10,7 +10,7 @@ import pandas as pd
 from ..config.cell import labels
 from ..results.contents import Contents, origin
 from ..results.table import COLUMNS
-from .tables import commit
+from .tables import short_commit
 
 _TEXT = ("status", "controller", "collided", "error")  # columns in which pandas has NaN for nothing
 
@@ -40,7 +40,7 @@ def _lines(contents: Contents) -> Iterator[dict[str, str]]:
             name: None if name in _TEXT and pd.isna(values[name]) else values[name]
             for name in COLUMNS
         }
-        yield {"cell": contents.folder.name, "commit": commit(source, short=False)} | {
+        yield {"cell": contents.folder.name, "commit": short_commit(source, short=False)} | {
             name: _exact(value) for name, value in (row | swept).items()
         }
 

@@ -159,7 +159,7 @@ def report(args: Sequence[str]) -> int:
     """`mppi-belief report`: what the studies' results show, as tables, figures and a page; runs nothing."""
     from ..config.cell import Cell
     from ..report.build import STUDIES
-    from ..report.build import report as write
+    from ..report.build import report_studies as write
 
     if any(arg in ("-h", "--help") for arg in args):
         print(usage.REPORT.format(studies=" ".join(STUDIES)), end="")
@@ -238,7 +238,7 @@ def _certify(config: dict[str, Any], names: Sequence[str], command: list[str]) -
     """Compute, store and show certificates; the exit code."""
     from tqdm import tqdm
 
-    from ..report.sections.theory import show
+    from ..report.sections.theory import show_certificates
     from ..results.certificate_files import StoredCertificate, load_certificates, store_certificate
     from ..results.files import probe
     from ..results.provenance import provenance
@@ -256,7 +256,7 @@ def _certify(config: dict[str, Any], names: Sequence[str], command: list[str]) -
                 tqdm.write(f"{one.name} could not be computed: {one.error}", file=sys.stderr)
             else:
                 store_certificate(folder, StoredCertificate(one.certificate, one.seconds, source))
-    held = show(
+    held = show_certificates(
         load_certificates(folder, [name for name in names if name not in lost]),
         load_certificates(folder),
         folder,
@@ -298,9 +298,9 @@ def _what_holds(
 
 def _tell(cells: list[Any], root: Path, n_trials: int, outcome: Any) -> int:
     """Print the table, save the pictures, say where everything is."""
-    from .overview import overview
+    from .overview import show_overview
 
-    failed = overview(cells, root, n_trials, outcome)
+    failed = show_overview(cells, root, n_trials, outcome)
     if outcome.stopped is not None:
         print("stopped; the same command goes on from here", file=sys.stderr)
         return 128 + int(outcome.stopped)

@@ -18,7 +18,7 @@ from ..results.folder import choose
 from ..results.provenance import provenance
 from . import usage
 from .result_words import read
-from .tables import commit
+from .tables import short_commit
 
 NOT_REPRODUCED = 3
 UNFINISHED = ("crashed", "timeout")  # trials that no process survived or waited for
@@ -116,7 +116,7 @@ def _again(kept: Kept, now: dict[str, Any]) -> int:
 
 
 def _run(source: dict[str, Any]) -> str:
-    return f"of {source.get('started', 'an unknown time')} at {commit(source)}"
+    return f"of {source.get('started', 'an unknown time')} at {short_commit(source)}"
 
 
 def _changes(then: dict[str, Any], now: dict[str, Any]) -> list[str]:
@@ -126,7 +126,7 @@ def _changes(then: dict[str, Any], now: dict[str, Any]) -> list[str]:
     pairs = [(name, before.get(name), after[name]) for name in _VERSIONS]
     pairs += [(name, then.get(name), now[name]) for name in ("algorithm", "processor", "platform")]
     pairs += [("device", then.get("device"), now["device"])]
-    pairs += [("commit", commit(then), commit(now))] if then.get("commit") else []
+    pairs += [("commit", short_commit(then), short_commit(now))] if then.get("commit") else []
     pairs += [(f"code of {name}", code.get(name), value) for name, value in now["code"].items()]
     threads = then.get("threads") or {}
     pairs += [(name, threads.get(name), value) for name, value in now["threads"].items()]
@@ -150,7 +150,7 @@ def _difference(one: Any, precision: str) -> str:
 def _draw(kept: Kept, batch: Any) -> None:
     """A picture of the trial as it ran now, beside the results of its cell; raises OSError."""
     from ..report import figures
-    from ..report.summary import plain
+    from ..report.summary import label_text
     from ..trial.recording import sampled_paths
     from ..trial.rerun import shown
 
@@ -165,11 +165,13 @@ def _draw(kept: Kept, batch: Any) -> None:
         samples = None
     told = labels(kept.config) | {"trial": kept.trial}
     title = ", ".join(
-        f"{name} {plain(value)}" for name, value in told.items() if plain(value) != "-"
+        f"{name} {label_text(value)}" for name, value in told.items() if label_text(value) != "-"
     )
     picture = kept.folder / f"replay-{kept.trial}.png"
-    figures.save(
-        figures.one_trial(steps, batch.scene, samples, kept.config["names"]["controller"], title),
+    figures.save_png(
+        figures.one_trial_figure(
+            steps, batch.scene, samples, kept.config["names"]["controller"], title
+        ),
         picture,
     )
     print(f"picture: {picture}")

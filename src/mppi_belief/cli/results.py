@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from ..errors import ConfigError, unknown_key
-from ..report.files import write_text
+from ..report.frame_files import write_text_file
 from ..results.audit import audit, unhashed
 from ..results.compact import compact
 from ..results.contents import read_cell, superseded
@@ -73,7 +73,7 @@ def _export(told: Words) -> int:
         return 0
     if not target[0].strip() or Path(target[0]).is_dir():
         raise ConfigError(f"--to {target[0]}: must name a file")
-    write_text(Path(target[0]), text)
+    write_text_file(Path(target[0]), text)
     print(f"{count} rows of {len(found)} cells in {target[0]}")
     return 0
 

@@ -6,7 +6,7 @@ from typing import Any
 import pandas as pd
 from omegaconf import OmegaConf
 
-from ..report.summary import as_text, plain, summarise
+from ..report.summary import aligned_text, label_text, summary_text
 from ..results.contents import Contents, counts, runs, settings, superseded
 from ..results.folder import age, files, size
 from ..results.table import FORMAT_VERSION, in_words
@@ -22,7 +22,8 @@ def listing(cells: Sequence[Contents]) -> str:
         status for one in sorted(ended, key=lambda one: "ok" not in one) for status in one
     )
     told = [
-        {name: plain(value) for name, value in settings(contents).items()} for contents in cells
+        {name: label_text(value) for name, value in settings(contents).items()}
+        for contents in cells
     ]
     lines = []
     for contents, count, labels in zip(cells, ended, told, strict=True):
@@ -36,13 +37,13 @@ def listing(cells: Sequence[Contents]) -> str:
             "size": bytes_in_words(size(there)),
             "age": time_in_words(age(there)),
         }
-        line |= {"commit": _all(commit(source) for source in contents.sources)}
+        line |= {"commit": _all(short_commit(source) for source in contents.sources)}
         line |= {"algorithm": _all(source.get("algorithm", "-") for source in contents.sources)}
         lines.append(line | {"note": _note(contents)})
     if not any(line["note"] for line in lines):
         for line in lines:
             del line["note"]
-    return as_text(lines)
+    return aligned_text(lines)
 
 
 def _telling(told: Sequence[dict[str, str]]) -> list[str]:
@@ -77,7 +78,7 @@ def description(contents: Contents) -> str:
         name: value for name, value in settings(contents).items() if name in ("controller", *ALWAYS)
     }
     if len(rows):
-        parts.append(as_text([summarise(rows, labels, _seconds(contents))]))
+        parts.append(aligned_text([summary_text(rows, labels, _seconds(contents))]))
     width = max((len(path.name) for path in files(contents.folder)), default=0)
     parts.append(
         "\n".join(
@@ -96,7 +97,7 @@ def _run(source: dict[str, Any]) -> str:
         "trials": in_words(source["trials"]) if source.get("trials") else "-",
         "command": " ".join(words) or "-",
         "started": source.get("started", "-"),
-        "commit": commit(source, short=False),
+        "commit": short_commit(source, short=False),
         "algorithm": source.get("algorithm", "-"),
         "machine": ", ".join(
             str(source[name]) for name in ("device", "processor", "platform") if source.get(name)
@@ -123,7 +124,7 @@ def _seconds(contents: Contents) -> list[float]:
     return found if isinstance(found, list) else []
 
 
-def commit(source: dict[str, Any], short: bool = True) -> str:
+def short_commit(source: dict[str, Any], short: bool = True) -> str:
     """The commit that made something, `+` if it had changes; the version of an installed package."""
     head = source.get("commit")
     if not head:

@@ -7,10 +7,10 @@ from pathlib import Path
 from ..config.cell import Cell
 from ..results.certificate import CERTIFICATE_NAMES
 from ..results.certificate_files import StoredCertificate, load_certificates
-from .cell_results import Found, find
+from .cell_results import CellResults, read_cell_results
 from .comparison import table_1
-from .files import write_text
-from .origin import provenance, warnings
+from .frame_files import write_text_file
+from .origin import trial_provenance, trial_warnings
 from .page import Page, render
 from .sections import theory
 from .sections.studies import BUILDERS, Studies, sections
@@ -24,7 +24,7 @@ LEAD = (
 )
 
 
-def report(
+def report_studies(
     studies: dict[str, list[Cell]], verify_dir: Path | None, folder: Path, overrides: Sequence[str]
 ) -> bool:
     """Read the results of some studies' cells and, from `verify_dir`, the certificates, write the report into `folder`
@@ -58,8 +58,8 @@ def report(
     return not lines
 
 
-def _find(cell: Cell, warn: Callable[[str], object]) -> Found:
-    return find(cell, Path(cell.config["results_dir"]), cell.config["n_trials"], warn)
+def _find(cell: Cell, warn: Callable[[str], object]) -> CellResults:
+    return read_cell_results(cell, Path(cell.config["results_dir"]), cell.config["n_trials"], warn)
 
 
 def write_report(
@@ -70,13 +70,15 @@ def write_report(
 ) -> Path:
     """Write everything into `folder` and return the page's path; `complaints` are shown as warnings."""
     folder.mkdir(parents=True, exist_ok=True)
-    founds: list[Found] = list(
+    founds: list[CellResults] = list(
         {one.cell.id: one for founds in studies.values() for one in founds}.values()
     )
     shown = [*sections(studies, folder), *theory.sections(certificates, folder)]
-    warned = [*warnings(founds), *theory.warnings(certificates), *complaints]
-    page = Page(TITLE, LEAD, warned, shown, [*provenance(founds), *theory.provenance(certificates)])
-    write_text(folder / PAGE, render(page, folder))
+    warned = [*trial_warnings(founds), *theory.warnings(certificates), *complaints]
+    page = Page(
+        TITLE, LEAD, warned, shown, [*trial_provenance(founds), *theory.provenance(certificates)]
+    )
+    write_text_file(folder / PAGE, render(page, folder))
     return folder / PAGE
 
 

@@ -10,9 +10,9 @@ import pandas as pd
 from ..config.cell import Cell, labels
 from ..results import table as results
 from ..results.files import read_json
-from .summary import plain
+from .summary import label_text
 
-NAMES = {
+METHOD_NAMES = {
     "belief": "MPPI-Belief",
     "belief_joint": "MPPI-Belief, a covariance a path",
     "ce": "CE-MPPI",
@@ -24,7 +24,7 @@ NAMES = {
 }  # controllers by the names that the paper gives them
 
 
-class Found(NamedTuple):
+class CellResults(NamedTuple):
     """A cell and its results.
 
     rows        the first `wanted` trials that are done, one row each, failed ones too
@@ -65,7 +65,7 @@ class Found(NamedTuple):
     @property
     def name(self) -> str:
         """The method as the paper calls it."""
-        return NAMES.get(self.method, self.method)
+        return METHOD_NAMES.get(self.method, self.method)
 
     @property
     def samples(self) -> int | None:
@@ -80,9 +80,9 @@ class Found(NamedTuple):
         return self.good["collided"].to_numpy(dtype=bool)
 
 
-def find(
+def read_cell_results(
     cell: Cell, root: Path, wanted: int, warn: Callable[[str], object] = lambda line: None
-) -> Found:
+) -> CellResults:
     """Read a cell's results; what cannot be read is named to `warn` and left out."""
     folder = root / cell.id
     parts = results.read_parts(folder, warn)
@@ -91,7 +91,7 @@ def find(
     paths = results.read_paths(folder, warn)
     paths = paths[paths["trial"].isin(rows["trial"])]
     timing, record = _json(folder, "timing", {"seconds"}), cell.config.get("record")
-    return Found(
+    return CellResults(
         cell,
         wanted,
         rows,
@@ -111,35 +111,35 @@ def _json(folder: Path, name: str, keys: set[str]) -> dict[str, Any] | None:
     return content if content and keys <= content.keys() else None
 
 
-def paired(first: Found, second: Found) -> tuple[pd.DataFrame, pd.DataFrame]:
+def paired_rows(first: CellResults, second: CellResults) -> tuple[pd.DataFrame, pd.DataFrame]:
     """The good rows of the trials that both have, in the same order: they met the same noise."""
     common = np.intersect1d(first.good["trial"], second.good["trial"])
     one, other = (found.good.set_index("trial").loc[common] for found in (first, second))
     return one, other
 
 
-def by_method(founds: Sequence[Found]) -> dict[str, list[Found]]:
+def by_method(founds: Sequence[CellResults]) -> dict[str, list[CellResults]]:
     """The cells of each method, in the order in which they are given."""
-    methods: dict[str, list[Found]] = {}
+    methods: dict[str, list[CellResults]] = {}
     for found in founds:
         methods.setdefault(found.method, []).append(found)
     return methods
 
 
-def differing(founds: Sequence[Found]) -> list[dict[str, str]]:
+def differing_labels(founds: Sequence[CellResults]) -> list[dict[str, str]]:
     """The labels of each cell, as text, without those that are the same for all that have one."""
-    labels = [{name: plain(value) for name, value in found.labels.items()} for found in founds]
+    labels = [{name: label_text(value) for name, value in found.labels.items()} for found in founds]
     names = dict.fromkeys(name for one in labels for name in one)
     told = [name for name in names if len({one.get(name, "-") for one in labels} - {"-"}) > 1]
     return [{name: one.get(name, "-") for name in told} for one in labels]
 
 
-def titles(founds: Sequence[Found]) -> list[str]:
+def cell_titles(founds: Sequence[CellResults]) -> list[str]:
     """A name for each cell: its method's, with the settings that differ where a method occurs more than once."""
     names = [found.name for found in founds]
     settings = [
         ", ".join(f"{name} {value}" for name, value in one.items() if name != "controller")
-        for one in differing(founds)
+        for one in differing_labels(founds)
     ]
     pairs = zip(names, settings, strict=True)
     return [

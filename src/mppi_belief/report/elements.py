@@ -7,56 +7,56 @@ from typing import Any
 import pandas as pd
 from matplotlib.figure import Figure
 
-from .cell_results import Found, differing
-from .figures import save_both
-from .files import write_frame
+from .cell_results import CellResults, differing_labels
+from .figures import save_png_and_pdf
+from .frame_files import write_frame
 from .page import Picture, Table
-from .summary import interval, numbers, summarise, summary
+from .summary import interval_text, summarise_trials, summary_numbers, summary_text
 
 
-def lines(founds: Sequence[Found]) -> pd.DataFrame:
+def cell_lines(founds: Sequence[CellResults]) -> pd.DataFrame:
     """A line of text a cell, without the labels that are the same for all that have one."""
     text = []
-    for found, labels in zip(founds, differing(founds), strict=True):
+    for found, labels in zip(founds, differing_labels(founds), strict=True):
         ends = [name.rpartition(".")[2] for name in labels]
         shown: dict[str, Any] = {
             end if ends.count(end) == 1 else name: found.name if name == "controller" else value
             for end, (name, value) in zip(ends, labels.items(), strict=True)
         }
-        text.append(summarise(found.rows, shown, found.seconds))
+        text.append(summary_text(found.rows, shown, found.seconds))
     return pd.DataFrame(text).fillna("-")
 
 
-def table(
+def write_table(
     folder: Path,
     stem: str,
     caption: str,
     frame: pd.DataFrame,
-    founds: Sequence[Found] | None = None,
+    founds: Sequence[CellResults] | None = None,
 ) -> Table:
     """A table of the page, beside it as Markdown and as CSV: all numbers of `founds`, or else the same text."""
     machine = None
     if founds is not None:
         machine = pd.DataFrame(
-            [numbers(found.rows, found.labels, found.seconds) for found in founds]
+            [summary_numbers(found.rows, found.labels, found.seconds) for found in founds]
         )
     write_frame(folder, stem, frame, machine)
     return Table(stem, caption, frame)
 
 
-def picture(folder: Path, stem: str, figure: Figure | None, alt: str) -> list[Picture]:
+def write_picture(folder: Path, stem: str, figure: Figure | None, alt: str) -> list[Picture]:
     """A figure beside the page as PNG and PDF; none where there was nothing to draw."""
     if figure is None:
         return []
-    save_both(figure, folder, stem)
+    save_png_and_pdf(figure, folder, stem)
     return [Picture(f"{stem}.png", alt)]
 
 
-def rate(found: Found) -> str:
+def collision_text(found: CellResults) -> str:
     """Collision rate and its interval, in %."""
-    return f"{interval(summary(found.rows, None).collided.times(100), 1)} %"
+    return f"{interval_text(summarise_trials(found.rows, None).collided.times(100), 1)} %"
 
 
-def cost(found: Found) -> str:
+def cost_text(found: CellResults) -> str:
     """Mean cost and its interval."""
-    return interval(summary(found.rows, None).cost, 1)
+    return interval_text(summarise_trials(found.rows, None).cost, 1)

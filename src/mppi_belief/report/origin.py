@@ -4,16 +4,16 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 from . import published
-from .cell_results import Found
+from .cell_results import CellResults
 
 
-def provenance(founds: Sequence[Found]) -> list[tuple[str, str]]:
+def trial_provenance(founds: Sequence[CellResults]) -> list[tuple[str, str]]:
     """What produced the trials: commit, versions, machine, seeds, commands, wall time; (what, value) pairs."""
     sources = [source for found in founds for source in found.sources]
     versions = [source.get("versions") or {} for source in sources]
     packages = sorted({name for one in versions for name in one})
     return [
-        ("commit", _all(commit(source) for source in sources)),
+        ("commit", _all(full_commit(source) for source in sources)),
         (
             "versions",
             ", ".join(f"{name} {_all(one.get(name) for one in versions)}" for name in packages),
@@ -31,12 +31,12 @@ def provenance(founds: Sequence[Found]) -> list[tuple[str, str]]:
     ]
 
 
-def warnings(founds: Sequence[Found]) -> list[str]:
+def trial_warnings(founds: Sequence[CellResults]) -> list[str]:
     """What should keep a reader from trusting the numbers as they are; one line each."""
     sources = [source for found in founds for source in found.sources]
     lines = []
     for what, values in (
-        ("commits", {commit(source) for source in sources}),
+        ("commits", {full_commit(source) for source in sources}),
         (
             "versions of jaxlib",
             {(source.get("versions") or {}).get("jaxlib") for source in sources},
@@ -64,7 +64,7 @@ def warnings(founds: Sequence[Found]) -> list[str]:
     return lines
 
 
-def commit(source: dict[str, Any]) -> str:
+def full_commit(source: dict[str, Any]) -> str:
     """The commit that made something, or the installed version."""
     head = source.get("commit")
     if head is None:

@@ -20,17 +20,17 @@ class Estimate(NamedTuple):
         return Estimate(*(factor * part for part in self))
 
 
-NOTHING = Estimate(float("nan"), float("nan"), float("nan"))
+NO_ESTIMATE = Estimate(float("nan"), float("nan"), float("nan"))
 
 
 def mean_interval(values: np.ndarray, level: float = 0.95) -> Estimate:
     """Sample mean with Student's t interval; an interval of NaN for fewer than two values."""
     values = np.asarray(values, dtype=float)
     if len(values) == 0 or not np.all(np.isfinite(values)):
-        return NOTHING._replace(value=float(np.mean(values)) if len(values) else float("nan"))
+        return NO_ESTIMATE._replace(value=float(np.mean(values)) if len(values) else float("nan"))
     center = float(np.mean(values))
     if len(values) == 1:
-        return NOTHING._replace(value=center)
+        return NO_ESTIMATE._replace(value=center)
     half = float(
         stdtrit(len(values) - 1, (1 + level) / 2) * np.std(values, ddof=1) / np.sqrt(len(values))
     )
@@ -48,7 +48,7 @@ def chi_square_band(freedom: float, level: float = 0.95) -> Estimate:
 def proportion_interval(successes: int, trials: int, level: float = 0.95) -> Estimate:
     """Proportion with the exact interval of Clopper and Pearson (1934)."""
     if trials == 0:
-        return NOTHING
+        return NO_ESTIMATE
     tail, failures = (1 - level) / 2, trials - successes
     low = float(betaincinv(successes, failures + 1, tail)) if successes else 0.0
     high = float(betaincinv(successes + 1, failures, 1 - tail)) if failures else 1.0
@@ -63,7 +63,7 @@ def paired_mean_difference(first: np.ndarray, second: np.ndarray, level: float =
     difference = np.asarray(first, dtype=float) - np.asarray(second, dtype=float)
     value = float(np.mean(difference)) if len(difference) else float("nan")
     if len(difference) < 3:
-        return NOTHING._replace(value=value)
+        return NO_ESTIMATE._replace(value=value)
     if np.ptp(difference) == 0:
         return Estimate(value, value, value)
     found = bootstrap(
@@ -95,7 +95,7 @@ def paired_rate_difference(
     )
     differ = only_first + only_second
     if n == 0:
-        return NOTHING, float("nan")
+        return NO_ESTIMATE, float("nan")
     often = proportion_interval(differ, n, level)
     share = proportion_interval(only_first, differ, level) if differ else Estimate(0.5, 0.0, 1.0)
     ends = [(2 * s - 1) * d for s in share[1:] for d in often[1:]]

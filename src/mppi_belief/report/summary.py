@@ -10,7 +10,7 @@ import pandas as pd
 from .statistics import Estimate, mean_interval, proportion_interval
 
 
-class Summary(NamedTuple):
+class TrialSummary(NamedTuple):
     """Trials that failed are counted and left out of every average. Clearance in m, times in ms per control step."""
 
     trials: int
@@ -29,11 +29,11 @@ class Summary(NamedTuple):
         return self.trials - self.failed
 
 
-def summary(rows: pd.DataFrame, seconds: Sequence[float] | None) -> Summary:
+def summarise_trials(rows: pd.DataFrame, seconds: Sequence[float] | None) -> TrialSummary:
     """What rows of trials and wall times (s) of control steps show."""
     good = rows[rows["status"] == "ok"]
     collisions = int(good["collided"].astype(bool).sum())
-    return Summary(
+    return TrialSummary(
         trials=len(rows),
         failed=len(rows) - len(good),
         cost=mean_interval(good["cost"].to_numpy()),
@@ -47,31 +47,31 @@ def summary(rows: pd.DataFrame, seconds: Sequence[float] | None) -> Summary:
     )
 
 
-def summarise(
+def summary_text(
     rows: pd.DataFrame, labels: dict[str, Any], seconds: Sequence[float] | None
 ) -> dict[str, str]:
     """The columns of one line, as text."""
-    found = summary(rows, seconds)
-    line = {name: plain(value) for name, value in labels.items()}
+    found = summarise_trials(rows, seconds)
+    line = {name: label_text(value) for name, value in labels.items()}
     line["trials"] = (
         f"{found.trials} ({found.failed} failed)" if found.failed else str(found.trials)
     )
-    line["cost [95 %]"] = interval(found.cost, 2)
+    line["cost [95 %]"] = interval_text(found.cost, 2)
     line["sd"] = f"{found.sd:.2f}"
-    line["collided % [95 %]"] = interval(found.collided.times(100), 1)
-    line["clearance m [95 %]"] = interval(found.clearance, 3)
+    line["collided % [95 %]"] = interval_text(found.collided.times(100), 1)
+    line["clearance m [95 %]"] = interval_text(found.clearance, 3)
     line["ESS"] = "-" if math.isnan(found.ess) else f"{found.ess:.1f}"
     if seconds:
         line["ms/step (p95)"] = f"{found.time:.2f} ({found.time_p95:.2f})"
     return line
 
 
-def numbers(
+def summary_numbers(
     rows: pd.DataFrame, labels: dict[str, Any], seconds: Sequence[float] | None
 ) -> dict[str, Any]:
     """The same for a machine: an estimate is three columns, NAME, NAME_low, NAME_high."""
     line = dict(labels)
-    for name, value in summary(rows, seconds)._asdict().items():
+    for name, value in summarise_trials(rows, seconds)._asdict().items():
         if isinstance(value, Estimate):
             line |= {name: value.value, f"{name}_low": value.low, f"{name}_high": value.high}
         else:
@@ -79,7 +79,7 @@ def numbers(
     return line
 
 
-def interval(estimate: Estimate, digits: int) -> str:
+def interval_text(estimate: Estimate, digits: int) -> str:
     """ "value [low, high]", the value alone where there is no interval, "-" where there is no value."""
     if not np.isfinite(estimate.value):
         return "-"
@@ -87,13 +87,13 @@ def interval(estimate: Estimate, digits: int) -> str:
     return f"{value} [{low}, {high}]" if np.isfinite(estimate.low) else value
 
 
-def plain(value: Any) -> str:
+def label_text(value: Any) -> str:
     """A label: numbers in short, "-" where a method has no such setting."""
     if isinstance(value, float):
         return "-" if np.isnan(value) else f"{value:g}"
     return str(value)
 
 
-def as_text(lines: Sequence[dict[str, str]]) -> str:
+def aligned_text(lines: Sequence[dict[str, str]]) -> str:
     """The lines as a table with aligned columns."""
     return str(pd.DataFrame(list(lines)).fillna("-").to_string(index=False))

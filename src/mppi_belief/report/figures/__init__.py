@@ -1,41 +1,41 @@
 """The figures of a report, from results alone: those of the paper (Sec. VII), and what goes on inside."""
 
-from .animation import animate
-from .consistency import consistency_figure
+from .animation import write_animation
+from .certificate_panels import certificate_figure
 from .diagnostics import ess_figure, residual_figure
-from .one_trial import one_trial
+from .filter_consistency import consistency_figure
+from .one_trial import one_trial_figure
 from .plane import kept_in_plane
-from .proposals import proposals_figure
 from .quality import quality_figure
+from .sampling_efficiency import proposals_figure
 from .sensing import sensing_figure
-from .style import BLUE, GREEN, INK, ORANGE, look, save, save_both
+from .style import BLUE, GREEN, INK, ORANGE, method_look, save_png, save_png_and_pdf
 from .sweeps import figure_2, theta_figure
-from .theory import certificate_figure
-from .trajectories import NAME, Run, compare, figure_1, trajectories
+from .trajectories import TRAJECTORIES_PNG, PathPanel, compare_paths, figure_1, trajectories_figure
 
 __all__ = [
     "BLUE",
     "GREEN",
     "INK",
-    "NAME",
     "ORANGE",
-    "Run",
-    "animate",
+    "TRAJECTORIES_PNG",
+    "PathPanel",
     "certificate_figure",
-    "compare",
+    "compare_paths",
     "consistency_figure",
     "ess_figure",
     "figure_1",
     "figure_2",
     "kept_in_plane",
-    "look",
-    "one_trial",
+    "method_look",
+    "one_trial_figure",
     "proposals_figure",
     "quality_figure",
     "residual_figure",
-    "save",
-    "save_both",
+    "save_png",
+    "save_png_and_pdf",
     "sensing_figure",
     "theta_figure",
-    "trajectories",
+    "trajectories_figure",
+    "write_animation",
 ]

@@ -17,7 +17,7 @@ from matplotlib.text import Text
 from PIL import Image
 
 from ...results.files import write_whole
-from ..cell_results import Found
+from ..cell_results import CellResults
 from .plane import (
     LIGHT,
     SIDE_BY_SIDE,
@@ -33,7 +33,7 @@ from .plane import (
     stacked,
     window,
 )
-from .style import GREEN, INK, ORANGE, STYLE, look, place
+from .style import GREEN, INK, ORANGE, STYLE, method_look, method_order
 
 FRAMES = 60  # steps are left out of longer trials
 FRAME, HOLD = 100, 1500  # ms, of every frame and of the last one
@@ -48,7 +48,7 @@ SMALL = 0.8  # marks and edges against those of larger pictures
 class Show(NamedTuple):
     """One trial of one cell."""
 
-    found: Found
+    found: CellResults
     scene: dict[str, Any]
     position: np.ndarray  # (T + 1, 2)
     mean: np.ndarray  # (T + 1, n)
@@ -68,14 +68,14 @@ class Moving(NamedTuple):
     title: Text
 
 
-def animate(founds: Sequence[Found], path: Path) -> bool:
+def write_animation(founds: Sequence[CellResults], path: Path) -> bool:
     """Write a GIF of the recorded trial of at most two cells, a panel each: sigma_o (m), the true path so far,
     the belief (mean and 2 sigma), the paths sampled at this step, heavier ones darker.
 
     Cells without a recording of samples or without the path of that trial are left out; where none is left,
     False is returned and nothing written.
     """
-    ordered = sorted(founds, key=lambda found: place(found.method))
+    ordered = sorted(founds, key=lambda found: method_order(found.method))
     shows = [show for show in map(_show, ordered) if show is not None][:2]
     if not shows:
         return False
@@ -83,7 +83,7 @@ def animate(founds: Sequence[Found], path: Path) -> bool:
     shown = [*range(0, steps - 1, -(-(steps - 1) // FRAMES)), steps - 1]
     with mpl.rc_context(STYLE):
         frames = list(_frames(shows, shown))
-    palette = _palette([look(show.found.method).colour for show in shows])
+    palette = _palette([method_look(show.found.method).colour for show in shows])
     frames = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
     durations = [FRAME] * (len(frames) - 1) + [HOLD]
     later = {"save_all": True, "append_images": frames[1:], "duration": durations, "loop": 0}
@@ -91,7 +91,7 @@ def animate(founds: Sequence[Found], path: Path) -> bool:
     return True
 
 
-def _show(found: Found) -> Show | None:
+def _show(found: CellResults) -> Show | None:
     samples = (found.recording or {}).get("samples")
     kept = kept_in_plane(found)
     if not samples or found.recording is None or kept is None:
@@ -142,7 +142,7 @@ def _frames(shows: Sequence[Show], steps: Sequence[int]) -> Iterator[Image.Image
 
 
 def _start(axes: Axes, show: Show) -> Moving:
-    colour = look(show.found.method).colour
+    colour = method_look(show.found.method).colour
     samples = LineCollection([], linewidths=0.6, zorder=3)
     axes.add_collection(samples, autolim=False)
     (path,) = axes.plot([], [], color=colour, lw=2, zorder=6)
@@ -173,7 +173,7 @@ def _move(parts: Moving, show: Show, step: int) -> None:
 
 
 def _explain(figure: Figure, shows: Sequence[Show]) -> None:
-    colours = [look(show.found.method).colour for show in shows]
+    colours = [method_look(show.found.method).colour for show in shows]
     path = tuple(Line2D([], [], color=colour, lw=2) for colour in colours)
     belief = tuple(
         Line2D([], [], marker="o", mfc="none", mec=colour, mew=1.6, ms=7, ls="none")

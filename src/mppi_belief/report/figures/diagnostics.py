@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, NullLocator
 
 from .. import published
-from ..cell_results import Found
-from .points import collision_rate, dodge, draw, mean_of, step_time
+from ..cell_results import CellResults
+from .points import collision_rate, dodge, draw_estimates, mean_of, step_time
 from .style import BLUE, COLUMN, GREY, INK, STYLE, Look
 
 READINGS: dict[str, tuple[str, Any]] = {
@@ -23,7 +23,7 @@ SAMPLES, HORIZON = "planner.n_samples", "planner.horizon"
 SHADES = LinearSegmentedColormap.from_list("shades", ["#8CC4E4", BLUE, "#00263D"])
 
 
-def residual_figure(found: Found) -> Figure | None:
+def residual_figure(found: CellResults) -> Figure | None:
     """The matching residual along the recorded trial, for both readings of sigma_o, over time in seconds.
 
     Above, epsilon* at the best weight W of each step, with the paper's value (Sec. VII); below, where it was
@@ -56,7 +56,7 @@ def _curves(axes: Axes, curves: dict[str, Any], which: str, dt: float) -> None:
             axes.plot(dt * np.arange(len(values)), values, label=label, **style)
 
 
-def ess_figure(founds: Sequence[Found]) -> Figure | None:
+def ess_figure(founds: Sequence[CellResults]) -> Figure | None:
     """Effective sample size, collision rate (%), cost and median ms per step against the number of samples N.
 
     A line a horizon, with 95 % intervals; cells that name neither are left out. None if none is left.
@@ -84,7 +84,7 @@ def ess_figure(founds: Sequence[Found]) -> Figure | None:
                     [found.labels[SAMPLES] for found in cells], index, len(horizons), ratio=1.12
                 )
                 label = f"$H = {horizon}$"
-                draw(
+                draw_estimates(
                     axes,
                     x,
                     [estimate(found) for found in cells],

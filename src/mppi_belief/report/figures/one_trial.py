@@ -13,13 +13,13 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from .plane import LIGHT, SIGMAS, darkest, draw_scene, ellipse, ends, reach, stacked, window
-from .style import GREEN, INK, SCREEN, look
+from .style import GREEN, INK, SCREEN, method_look
 
 EVERY = 6  # steps from one belief ellipse to the next
 FANS = 5  # how many steps' sampled paths are shown
 
 
-def one_trial(
+def one_trial_figure(
     path: Sequence[dict[str, Any]],
     scene: dict[str, Any],
     samples: dict[str, Any] | None,
@@ -34,7 +34,7 @@ def one_trial(
     """
     with mpl.rc_context(SCREEN):
         draw = _in_plane if len(scene["start"]) == 2 else _over_time
-        return draw(pd.DataFrame(list(path)), scene, samples, look(method).colour, title)
+        return draw(pd.DataFrame(list(path)), scene, samples, method_look(method).colour, title)
 
 
 def _in_plane(

@@ -12,7 +12,7 @@ from matplotlib.legend_handler import HandlerTuple
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Ellipse
 
-from ..cell_results import Found
+from ..cell_results import CellResults
 from .style import GREEN, INK
 
 SIGMAS = 2.0  # how far belief ellipses reach
@@ -112,7 +112,7 @@ def darkest(scene: dict[str, Any], corners: np.ndarray) -> float:
     return float(level[inside].max() if level[inside].size else level.max())
 
 
-def kept_in_plane(found: Found) -> tuple[dict[str, Any], pd.DataFrame] | None:
+def kept_in_plane(found: CellResults) -> tuple[dict[str, Any], pd.DataFrame] | None:
     """The scene of a cell and the paths of its good trials, None where there are none or positions are no plane."""
     paths = found.paths[found.paths["trial"].isin(found.good["trial"])]
     return (
@@ -122,7 +122,7 @@ def kept_in_plane(found: Found) -> tuple[dict[str, Any], pd.DataFrame] | None:
     )
 
 
-def shown_trial(found: Found, paths: pd.DataFrame) -> int:
+def shown_trial(found: CellResults, paths: pd.DataFrame) -> int:
     """The trial that pictures single out: the recorded one, else 0, else the first of those whose paths are there."""
     kept = set(paths["trial"])
     wishes = [found.recording["trial"]] if found.recording else []

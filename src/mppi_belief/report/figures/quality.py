@@ -10,20 +10,20 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator
 
-from ..cell_results import NAMES, Found, by_method, differing
+from ..cell_results import METHOD_NAMES, CellResults, by_method, differing_labels
 from ..statistics import Estimate
-from .points import collision_rate, dodge, draw, mean_of, step_time
-from .style import COLUMN, STYLE, look, place
+from .points import collision_rate, dodge, draw_estimates, mean_of, step_time
+from .style import COLUMN, STYLE, method_look, method_order
 
 
-def quality_figure(founds: Sequence[Found]) -> Figure | None:
+def quality_figure(founds: Sequence[CellResults]) -> Figure | None:
     """Cost (top) and collision rate (%) against ms per step (left) and sampled paths per step, with 95 % intervals.
 
     A line a method through its settings, whose values stand at the points on the left; a method that samples
     nothing is not on the right, a cell without times not on the left. None without trials.
     """
     there = by_method([found for found in founds if len(found.good)])
-    methods = {method: there[method] for method in sorted(there, key=place)}
+    methods = {method: there[method] for method in sorted(there, key=method_order)}
     if not methods:
         return None
     with mpl.rc_context(STYLE):
@@ -54,38 +54,38 @@ def quality_figure(founds: Sequence[Found]) -> Figure | None:
 def _line(
     axes: Axes,
     x: Sequence[float],
-    cells: Sequence[Found],
-    estimate: Callable[[Found], Estimate],
+    cells: Sequence[CellResults],
+    estimate: Callable[[CellResults], Estimate],
     label: str = "",
 ) -> None:
     """The cells of one method that have an x."""
     there = [(at, estimate(found)) for at, found in zip(x, cells, strict=True) if math.isfinite(at)]
-    draw(
+    draw_estimates(
         axes,
         [at for at, _ in there],
         [value for _, value in there],
-        look(cells[0].method),
+        method_look(cells[0].method),
         label=label,
     )
 
 
-def _title(method: str, cells: Sequence[Found]) -> str:
+def _title(method: str, cells: Sequence[CellResults]) -> str:
     """The method, and what the values at its points are."""
-    keys = [name.rpartition(".")[2] for name in differing(cells)[0]]
-    return ": ".join([NAMES.get(method, method), *([", ".join(keys)] if keys else [])])
+    keys = [name.rpartition(".")[2] for name in differing_labels(cells)[0]]
+    return ": ".join([METHOD_NAMES.get(method, method), *([", ".join(keys)] if keys else [])])
 
 
 def _name_points(
-    axes: Axes, x: Sequence[float], y: Sequence[float], cells: Sequence[Found], *, above: bool
+    axes: Axes, x: Sequence[float], y: Sequence[float], cells: Sequence[CellResults], *, above: bool
 ) -> None:
     """The values of what tells the cells of one method apart, beside their points."""
     style: Any = {
-        "color": look(cells[0].method).colour,
+        "color": method_look(cells[0].method).colour,
         "fontsize": 7,
         "va": "center",
         "zorder": 1,
     }  # below the data
-    for at, value, setting in zip(x, y, differing(cells), strict=True):
+    for at, value, setting in zip(x, y, differing_labels(cells), strict=True):
         if math.isfinite(at) and math.isfinite(value):
             offset = (4, 6 if above else -6)  # points
             axes.annotate(

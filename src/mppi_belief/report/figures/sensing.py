@@ -9,15 +9,15 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedFormatter, FixedLocator, NullLocator
 
-from ..cell_results import Found
-from .points import draw, mean_of
-from .style import COLUMN, GREY, INK, STYLE, look
+from ..cell_results import CellResults
+from .points import draw_estimates, mean_of
+from .style import COLUMN, GREY, INK, STYLE, method_look
 
 STYLES = {"matched": "-", "fixed": (0, (1, 1))}
 SENSORS = {"matched": "sensor chosen", "fixed": "sensor fixed"}
 
 
-def sensing_figure(chosen: Sequence[Found], limited: Sequence[Found]) -> Figure | None:
+def sensing_figure(chosen: Sequence[CellResults], limited: Sequence[CellResults]) -> Figure | None:
     """(a) mean first coordinate (m) of the kept trials over time (s), a line a method and sensor; (b) mean cost of
     Algorithm 1 against the limit of its sensor, with 95 % intervals. `limited` in rising order of the limit, which is
     "system.limit" of their configurations, infinite for None. None where nothing was kept.
@@ -35,7 +35,7 @@ def sensing_figure(chosen: Sequence[Found], limited: Sequence[Found]) -> Figure 
         return figure
 
 
-def _over_time(axes: Axes, kept: Sequence[Found]) -> None:
+def _over_time(axes: Axes, kept: Sequence[CellResults]) -> None:
     for found in kept:
         scene, paths = (
             found.scene or {},
@@ -47,7 +47,7 @@ def _over_time(axes: Axes, kept: Sequence[Found]) -> None:
             .mean()
         )
         selector = found.cell.config["system"]["selector"]
-        style: Any = {"color": look(found.method).colour, "ls": STYLES[selector]}
+        style: Any = {"color": method_look(found.method).colour, "ls": STYLES[selector]}
         axes.plot(
             place.index * scene["dt"], place, label=f"{found.name}, {SENSORS[selector]}", **style
         )
@@ -57,10 +57,10 @@ def _over_time(axes: Axes, kept: Sequence[Found]) -> None:
     )
 
 
-def _over_limit(axes: Axes, chosen: Sequence[Found], limited: Sequence[Found]) -> None:
+def _over_limit(axes: Axes, chosen: Sequence[CellResults], limited: Sequence[CellResults]) -> None:
     places = np.arange(len(limited))
-    method = look("algorithm_1")
-    draw(
+    method = method_look("algorithm_1")
+    draw_estimates(
         axes,
         list(places),
         [mean_of("cost")(found) for found in limited],

@@ -72,22 +72,22 @@ LOOKS = {
 OTHER = Look("#555555", "*", "-")
 
 
-def look(method: str) -> Look:
-    """Colour, marker and line of a method, a key of `report.cell_results.NAMES`; the same for all unknown ones."""
+def method_look(method: str) -> Look:
+    """Colour, marker and line of a method, a key of `report.cell_results.METHOD_NAMES`; the same for all unknown ones."""
     return LOOKS.get(method, OTHER)
 
 
-def place(method: str) -> int:
+def method_order(method: str) -> int:
     """Where a method stands among others: belief, ce, pipf, ilqg, the rest; unknown ones last."""
     return [*LOOKS].index(method) if method in LOOKS else len(LOOKS)
 
 
-def save(figure: Figure, path: Path) -> None:
+def save_png(figure: Figure, path: Path) -> None:
     """Write a PNG whole or not at all."""
     write_whole(path, lambda temporary: figure.savefig(temporary, dpi=DPI, format="png"))
 
 
-def save_both(figure: Figure, folder: Path, stem: str) -> list[str]:
+def save_png_and_pdf(figure: Figure, folder: Path, stem: str) -> list[str]:
     """Write `stem`.png and `stem`.pdf into a folder, each whole or not at all; their names in it.
 
     No dates are in them: a figure drawn from the same results is the same bytes.

@@ -12,16 +12,16 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
 from .. import published
-from ..cell_results import NAMES, Found, by_method
-from .points import collision_rate, dodge, draw, mean_of
-from .style import COLUMN, GREY, INK, STYLE, look, place
+from ..cell_results import METHOD_NAMES, CellResults, by_method
+from .points import collision_rate, dodge, draw_estimates, mean_of
+from .style import COLUMN, GREY, INK, STYLE, method_look, method_order
 
 PUBLISHED_W_OBS = (1e2, 1e4)
 BAND: Any = {"color": "#DDDDDD", "lw": 0}
 HOLLOW: Any = {"color": INK, "mfc": "none", "marker": "s", "ms": 6, "mew": 0.8, "ls": "none"}
 
 
-def figure_2(founds: Sequence[Found]) -> Figure | None:
+def figure_2(founds: Sequence[CellResults]) -> Figure | None:
     """Fig. 2: collision rate (%) and base cost against w_obs, a line a method, with 95 % intervals.
 
     From the paper: shaded, the range of its baselines; hollow, what it says of MPPI-Belief (a triangle: below 1 %).
@@ -37,12 +37,12 @@ def figure_2(founds: Sequence[Found]) -> Figure | None:
         for axes, estimate in zip(panels, (collision_rate, mean_of("cost")), strict=True):
             for index, (method, cells) in enumerate(lines.items()):
                 x = dodge([found.labels["w_obs"] for found in cells], index, len(lines))
-                draw(
+                draw_estimates(
                     axes,
                     x,
                     [estimate(found) for found in cells],
-                    look(method),
-                    label=NAMES.get(method, method),
+                    method_look(method),
+                    label=METHOD_NAMES.get(method, method),
                 )
         panels[0].set(xscale="log", ylabel="trials that collide (%)", title="(a)")
         panels[1].set(ylabel="base cost", xlabel=r"obstacle weight $w_\mathrm{obs}$", title="(b)")
@@ -52,7 +52,7 @@ def figure_2(founds: Sequence[Found]) -> Figure | None:
         return figure
 
 
-def theta_figure(founds: Sequence[Found]) -> Figure | None:
+def theta_figure(founds: Sequence[CellResults]) -> Figure | None:
     """Collision rate (%), mean clearance (m) and cost against theta, with 95 % intervals; hollow: the paper's values.
 
     Where the text gives a range, a bar spans it. None without trials.
@@ -71,12 +71,12 @@ def theta_figure(founds: Sequence[Found]) -> Figure | None:
         for axes, (title, estimate) in zip(panels, quantities.items(), strict=True):
             for method, cells in lines.items():
                 theta = [found.labels["theta"] for found in cells]
-                draw(
+                draw_estimates(
                     axes,
                     theta,
                     [estimate(found) for found in cells],
-                    look(method),
-                    label=NAMES.get(method, method),
+                    method_look(method),
+                    label=METHOD_NAMES.get(method, method),
                 )
             axes.set(title=title, xlabel=r"$\theta$")
             axes.xaxis.set_major_locator(MaxNLocator(6, integer=True))
@@ -88,11 +88,11 @@ def theta_figure(founds: Sequence[Found]) -> Figure | None:
         return figure
 
 
-def _lines(founds: Sequence[Found], key: str, fits: Any) -> dict[str, list[Found]]:
+def _lines(founds: Sequence[CellResults], key: str, fits: Any) -> dict[str, list[CellResults]]:
     """The cells with trials to show, by method and then by what was swept."""
     there = [found for found in founds if len(found.good) and fits(found.labels[key])]
     methods = by_method(sorted(there, key=lambda found: float(found.labels[key])))
-    return {method: methods[method] for method in sorted(methods, key=place)}
+    return {method: methods[method] for method in sorted(methods, key=method_order)}
 
 
 def _published_rates(axes: Axes) -> None:

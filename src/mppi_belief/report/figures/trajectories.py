@@ -13,7 +13,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MultipleLocator
 
-from ..cell_results import Found
+from ..cell_results import CellResults
 from .plane import (
     LIGHT,
     SIDE_BY_SIDE,
@@ -29,9 +29,9 @@ from .plane import (
     window,
 )
 from .points import collision_rate
-from .style import BLUE, COLUMN, GREEN, INK, ORANGE, SCREEN, STYLE, look, place
+from .style import BLUE, COLUMN, GREEN, INK, ORANGE, SCREEN, STYLE, method_look, method_order
 
-NAME = "trajectories.png"
+TRAJECTORIES_PNG = "trajectories.png"
 EVERY = 6  # steps from one belief ellipse to the next
 SMALL = 0.5  # marks and edges of Fig. 1 against those of the larger pictures
 STRONG: Any = {
@@ -41,7 +41,7 @@ STRONG: Any = {
 }
 
 
-class Run(NamedTuple):
+class PathPanel(NamedTuple):
     """What a picture shows of one cell: kept paths, their scene, which trials collided, a title."""
 
     paths: pd.DataFrame
@@ -50,29 +50,29 @@ class Run(NamedTuple):
     title: str
 
 
-def trajectories(
+def trajectories_figure(
     paths: pd.DataFrame, scene: dict[str, Any], collided: set[int], title: str
 ) -> Figure:
     """True paths in the plane over sigma_o, as Fig. 1; for one-dimensional positions, over time."""
     with mpl.rc_context(SCREEN):
         if len(scene["start"]) == 2:
-            return _planes([Run(paths, scene, collided, title)], columns=1)
+            return _planes([PathPanel(paths, scene, collided, title)], columns=1)
         return _over_time(paths, scene, title)
 
 
-def compare(runs: Sequence[Run]) -> Figure:
+def compare_paths(runs: Sequence[PathPanel]) -> Figure:
     """Fig. 1: the paths of several runs in the plane, a panel each, on one scale."""
     with mpl.rc_context(SCREEN):
         return _planes(runs, columns=2)
 
 
-def figure_1(founds: Sequence[Found]) -> Figure | None:
+def figure_1(founds: Sequence[CellResults]) -> Figure | None:
     """Fig. 1: the kept trials of each method over sigma_o (m), a panel each, those that collide set apart.
 
     Titles give the collision rate of all good trials. Ellipses are the beliefs (2 sigma) at every sixth step of
     one trial, the recorded one, whose path is drawn stronger. None where no cell has paths in a plane.
     """
-    ordered = sorted(founds, key=lambda found: place(found.method))
+    ordered = sorted(founds, key=lambda found: method_order(found.method))
     cells = [(found, *kept) for found in ordered if (kept := kept_in_plane(found))]
     if not cells:
         return None
@@ -105,9 +105,9 @@ def figure_1(founds: Sequence[Found]) -> Figure | None:
         return figure
 
 
-def _method_panel(axes: Axes, found: Found, paths: pd.DataFrame) -> None:
+def _method_panel(axes: Axes, found: CellResults, paths: pd.DataFrame) -> None:
     collided = set(found.good["trial"][found.collided])
-    colour, chosen = look(found.method).colour, shown_trial(found, paths)
+    colour, chosen = method_look(found.method).colour, shown_trial(found, paths)
     for trial, steps in paths.groupby("trial"):
         position, mean, cov = stacked(steps)
         hit, strong = trial in collided, trial == chosen
@@ -137,7 +137,9 @@ def _finish(figure: Figure, panels: np.ndarray, used: int, corners: np.ndarray) 
 
 
 def _explain(figure: Figure, methods: Sequence[str]) -> None:
-    paths = tuple(Line2D([], [], color=look(method).colour) for method in dict.fromkeys(methods))
+    paths = tuple(
+        Line2D([], [], color=method_look(method).colour) for method in dict.fromkeys(methods)
+    )
     hit = Line2D([], [], color=ORANGE)
     belief = Line2D([], [], marker="o", mfc="none", mec=INK, mew=0.5, ms=6, ls="none")
     labels = [
@@ -157,7 +159,7 @@ def _explain(figure: Figure, methods: Sequence[str]) -> None:
     )
 
 
-def _planes(runs: Sequence[Run], columns: int) -> Figure:
+def _planes(runs: Sequence[PathPanel], columns: int) -> Figure:
     rows = -(-len(runs) // columns)
     figure = Figure(figsize=(7.2, 5.2 if columns == 1 else 0.5 + 2.7 * rows), layout="constrained")
     panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
@@ -178,7 +180,7 @@ def _planes(runs: Sequence[Run], columns: int) -> Figure:
     return figure
 
 
-def _plane(axes: Axes, run: Run) -> QuadMesh:
+def _plane(axes: Axes, run: PathPanel) -> QuadMesh:
     """One panel; returns the noise shading for its colour bar."""
     for trial, group in run.paths.groupby("trial"):
         state = np.stack(list(group["state"]))
@@ -196,14 +198,14 @@ def _plane(axes: Axes, run: Run) -> QuadMesh:
     return draw_scene(axes, run.scene)
 
 
-def _corners(run: Run) -> np.ndarray:
+def _corners(run: PathPanel) -> np.ndarray:
     """The box around everything one panel shows (2, 2)."""
     states = np.stack(list(run.paths["state"]))[:, :2]
     everything = np.vstack([states, *run.scene["obstacles"], run.scene["goal"]])
     return np.stack([everything.min(axis=0), everything.max(axis=0)])
 
 
-def _legend(runs: Sequence[Run]) -> tuple[list[Line2D], list[str]]:
+def _legend(runs: Sequence[PathPanel]) -> tuple[list[Line2D], list[str]]:
     start, goal = ends()
     path, hit = Line2D([], [], color=BLUE, lw=1.5), Line2D([], [], color=ORANGE, lw=1.5)
     if len(runs) > 1:

@@ -4,15 +4,15 @@ import math
 from pathlib import Path
 
 from .. import figures
-from ..cell_results import Found, paired
-from ..elements import cost, lines, picture, table
+from ..cell_results import CellResults, paired_rows
+from ..elements import cell_lines, cost_text, write_picture, write_table
 from ..figures.sensing import SENSORS
 from ..page import Section
 from ..statistics import paired_mean_difference
-from ..summary import interval
+from ..summary import interval_text
 
 
-def sensing(founds: list[Found], folder: Path) -> Section:
+def sensing(founds: list[CellResults], folder: Path) -> Section:
     """The section of the study `controlled_sensing`."""
     limited = [one for one in founds if one.method == "algorithm_1" and selector(one) == "matched"]
     limited = sorted(
@@ -20,8 +20,12 @@ def sensing(founds: list[Found], folder: Path) -> Section:
     )
     chosen = [one for one in founds if limit(one) is None]
     tables = [
-        table(
-            folder, "controlled_sensing", "By method, sensor and its limit", lines(founds), founds
+        write_table(
+            folder,
+            "controlled_sensing",
+            "By method, sensor and its limit",
+            cell_lines(founds),
+            founds,
         )
     ]
     alt = "Mean position over time by method and sensor; cost of Algorithm 1 over the limit of the sensor"
@@ -36,21 +40,21 @@ def sensing(founds: list[Found], folder: Path) -> Section:
             "limit on its signal-to-noise ratio leaves a residual of (15), and what Algorithm 1 loses by it.",
         ],
         tables,
-        picture(folder, "controlled_sensing", figures.sensing_figure(chosen, limited), alt),
+        write_picture(folder, "controlled_sensing", figures.sensing_figure(chosen, limited), alt),
     )
 
 
-def selector(found: Found) -> str:
+def selector(found: CellResults) -> str:
     """ "matched" or "fixed"."""
     return str(found.cell.config["system"].get("selector", "fixed"))
 
 
-def limit(found: Found) -> float | None:
+def limit(found: CellResults) -> float | None:
     """The largest signal-to-noise ratio of the sensor, None for any."""
     return found.cell.config["system"].get("limit")
 
 
-def _against(chosen: list[Found], name: str) -> str:
+def _against(chosen: list[CellResults], name: str) -> str:
     """Algorithm 1 with one sensor against the matched proposal and LQG with the same, trial by trial."""
     there = {one.method: one for one in chosen if selector(one) == name and len(one.good)}
     if "algorithm_1" not in there:
@@ -58,8 +62,8 @@ def _against(chosen: list[Found], name: str) -> str:
     first, said = there["algorithm_1"], []
     for other in ("belief", "lqg"):
         if other in there:
-            one, two = paired(first, there[other])
+            one, two = paired_rows(first, there[other])
             more = paired_mean_difference(one["cost"].to_numpy(), two["cost"].to_numpy())
-            said.append(f"{interval(more, 2)} more than {there[other].name}")
+            said.append(f"{interval_text(more, 2)} more than {there[other].name}")
     told = f", {' and '.join(said)}" if said else ""
-    return f"{SENSORS[name].capitalize()}: Algorithm 1 as printed costs {cost(first)}{told}."
+    return f"{SENSORS[name].capitalize()}: Algorithm 1 as printed costs {cost_text(first)}{told}."

@@ -4,25 +4,25 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from .. import figures
-from ..cell_results import Found
-from ..comparison import differences
-from ..elements import cost, lines, picture, rate, table
+from ..cell_results import CellResults
+from ..comparison import method_differences
+from ..elements import cell_lines, collision_text, cost_text, write_picture, write_table
 from ..page import Section
 
 SHOWN = ("belief_joint", "belief", "ce", "ilqg")
 
 
-def information(founds: list[Found], folder: Path) -> Section:
+def information(founds: list[CellResults], folder: Path) -> Section:
     """The table of all methods, differences trial by trial, paths in the plane."""
     said = [
-        f"{one.name} costs {cost(one)} and collides in {rate(one)} of its trials."
+        f"{one.name} costs {cost_text(one)} and collides in {collision_text(one)} of its trials."
         for one in founds
         if len(one.good)
     ]
-    tables = [table(folder, "information", "Every method", lines(founds), founds)]
-    if len(pairs := differences(founds, "belief_joint")):
+    tables = [write_table(folder, "information", "Every method", cell_lines(founds), founds)]
+    if len(pairs := method_differences(founds, "belief_joint")):
         title = "A covariance for every path against each method, trial by trial"
-        tables.append(table(folder, "information_differences", title, pairs))
+        tables.append(write_table(folder, "information_differences", title, pairs))
     alt = (
         "Paths in the plane: who goes to the light first, who goes through the gap blind, who waits"
     )
@@ -36,19 +36,19 @@ def information(founds: list[Found], folder: Path) -> Section:
             " ".join(said),
         ],
         tables,
-        picture(
+        write_picture(
             folder,
             "information",
-            figures.compare(shown) if (shown := panels(founds)) else None,
+            figures.compare_paths(shown) if (shown := panels(founds)) else None,
             alt,
         ),
     )
 
 
-def panels(founds: Sequence[Found]) -> list[figures.Run]:
+def panels(founds: Sequence[CellResults]) -> list[figures.PathPanel]:
     """What a picture shows: the planners that look, wait, and do not care."""
     return [
-        figures.Run(paths, scene, set(one.good["trial"][one.collided]), one.name)
+        figures.PathPanel(paths, scene, set(one.good["trial"][one.collided]), one.name)
         for method in SHOWN
         for one in founds
         if one.method == method and (kept := figures.kept_in_plane(one))

@@ -9,19 +9,19 @@ import numpy as np
 import pandas as pd
 
 from .. import figures
-from ..cell_results import Found, paired
-from ..elements import picture, rate
-from ..files import write_frame
+from ..cell_results import CellResults, paired_rows
+from ..elements import collision_text, write_picture
+from ..frame_files import write_frame
 from ..page import Section, Table
 from ..statistics import (
-    NOTHING,
+    NO_ESTIMATE,
     Estimate,
     chi_square_band,
     mean_interval,
     paired_mean_difference,
     proportion_interval,
 )
-from ..summary import interval
+from ..summary import interval_text
 
 RARE = 1e-3  # of the trials of a consistent filter, at most, have a NEES as large as that of a lost one
 FILTERS = {"ekf": "EKF", "ukf": "UKF", "particle": "Particles"}
@@ -37,7 +37,7 @@ class Point(NamedTuple):
     loss        of cost against the oracle of the system, trial by trial; nothing without one
     """
 
-    found: Found
+    found: CellResults
     system: str
     filter: str
     curvature: float
@@ -55,7 +55,7 @@ class Point(NamedTuple):
         return all(band.low <= one.value <= band.high for one, band in pairs)
 
 
-def consistency(founds: list[Found], folder: Path) -> Section:
+def consistency(founds: list[CellResults], folder: Path) -> Section:
     """A table and a figure over the curvature, and for which curvatures a filter is what it says it is."""
     shown = points(founds)
     alt = "Theorem 1's residual, NEES and NIS with 95 % bands, and the loss against the oracle, over the curvature"
@@ -74,11 +74,11 @@ def consistency(founds: list[Found], folder: Path) -> Section:
             *verdicts(shown),
         ],
         [Table("consistency", "Every system, filter and curvature", frame)],
-        picture(folder, "consistency", figures.consistency_figure(shown), alt),
+        write_picture(folder, "consistency", figures.consistency_figure(shown), alt),
     )
 
 
-def points(founds: Sequence[Found]) -> list[Point]:
+def points(founds: Sequence[CellResults]) -> list[Point]:
     """The cells that have a filter's controller and a curvature, by system, filter and curvature."""
     oracles = {
         _name(one, "system"): one for one in founds if one.method == "oracle" and len(one.good)
@@ -88,7 +88,7 @@ def points(founds: Sequence[Found]) -> list[Point]:
     return sorted(made, key=lambda point: (point.system, point.filter, point.curvature))
 
 
-def _point(found: Found, oracle: Found | None) -> Point:
+def _point(found: CellResults, oracle: CellResults | None) -> Point:
     told: dict[str, Any] = (found.recording or {}).get("tangent", {})
     nx, ny = (float(told.get(name, math.nan)) for name in ("states", "measurements"))
     nees, nis = (mean_interval(found.good[name].to_numpy(float)) for name in ("nees", "nis"))
@@ -103,8 +103,8 @@ def _point(found: Found, oracle: Found | None) -> Point:
         nees.times(1 / nx),
         nis.times(1 / ny),
         bands(nx, ny, len(found.good), int(found.good["steps"].max())),
-        proportion_interval(int(beyond.sum()), len(beyond)) if nx > 0 else NOTHING,
-        NOTHING if oracle is None else _loss(found, oracle),
+        proportion_interval(int(beyond.sum()), len(beyond)) if nx > 0 else NO_ESTIMATE,
+        NO_ESTIMATE if oracle is None else _loss(found, oracle),
     )
 
 
@@ -117,12 +117,12 @@ def bands(nx: float, ny: float, trials: int, steps: int) -> tuple[Estimate, Esti
     return chi_square_band(nx * trials), chi_square_band(ny * trials * steps)
 
 
-def _loss(found: Found, oracle: Found) -> Estimate:
-    one, other = paired(found, oracle)
+def _loss(found: CellResults, oracle: CellResults) -> Estimate:
+    one, other = paired_rows(found, oracle)
     return paired_mean_difference(one["cost"].to_numpy(), other["cost"].to_numpy())
 
 
-def _name(found: Found, group: str) -> str:
+def _name(found: CellResults, group: str) -> str:
     return str(found.cell.config["names"][group])
 
 
@@ -132,12 +132,14 @@ def verdicts(shown: Sequence[Point]) -> list[str]:
     for system, filter in dict.fromkeys((point.system, point.filter) for point in shown):
         cells = [point for point in shown if (point.system, point.filter) == (system, filter)]
         broken = [
-            f"{point.curvature:g} (NEES {interval(point.nees, 2)})"
+            f"{point.curvature:g} (NEES {interval_text(point.nees, 2)})"
             for point in cells
             if not point.consistent
         ]
         told = f"not at curvature {', '.join(broken)}" if broken else "at every curvature"
-        losses = ", ".join(f"{interval(point.loss, 2)} at {point.curvature:g}" for point in cells)
+        losses = ", ".join(
+            f"{interval_text(point.loss, 2)} at {point.curvature:g}" for point in cells
+        )
         text.append(
             f"{system}, {FILTERS.get(filter, filter)}: consistent {told}. Loss against the oracle: {losses}."
         )
@@ -152,13 +154,13 @@ def as_frame(shown: Sequence[Point]) -> pd.DataFrame:
             "Filter": FILTERS.get(point.filter, point.filter),
             "Curvature": f"{point.curvature:g}",
             "Residual": "-" if math.isnan(point.residual) else f"{point.residual:.4f}",
-            "NEES/nx [95 %]": interval(point.nees, 3),
+            "NEES/nx [95 %]": interval_text(point.nees, 3),
             "band": _span(point.bands[0]),
-            "NIS/ny [95 %]": interval(point.nis, 3),
+            "NIS/ny [95 %]": interval_text(point.nis, 3),
             "band ": _span(point.bands[1]),
-            "Lost % [95 %]": interval(point.lost.times(100), 1),
-            "Loss [95 %]": interval(point.loss, 2),
-            "Collision %": rate(point.found),
+            "Lost % [95 %]": interval_text(point.lost.times(100), 1),
+            "Loss [95 %]": interval_text(point.loss, 2),
+            "Collision %": collision_text(point.found),
         }
         for point in shown
     )

@@ -9,12 +9,12 @@ import numpy as np
 import pandas as pd
 
 from .. import figures
-from ..cell_results import Found
-from ..comparison import differences
-from ..elements import cost, picture, table
+from ..cell_results import CellResults
+from ..comparison import method_differences
+from ..elements import cost_text, write_picture, write_table
 from ..page import Section
 from ..statistics import Estimate, mean_interval, proportion_interval
-from ..summary import interval
+from ..summary import interval_text
 from .information import panels
 
 NEAR = 1.0  # m of the light that count as in it; a choice
@@ -42,19 +42,19 @@ class Seen(NamedTuple):
     spread: np.ndarray
 
 
-def published_problem(name: str, founds: list[Found], folder: Path) -> Section:
+def published_problem(name: str, founds: list[CellResults], folder: Path) -> Section:
     """The table of all methods, differences trial by trial, paths in the plane."""
     source, text = SOURCES[name]
     said = [
-        f"{one.name} costs {cost(one)} and ends {_away(one)} m off."
+        f"{one.name} costs {cost_text(one)} and ends {_away(one)} m off."
         for one in founds
         if len(one.good)
     ]
-    tables = [table(folder, name, "Every method", lines(founds), founds)]
-    if len(pairs := differences(founds, "belief_joint")):
+    tables = [write_table(folder, name, "Every method", lines(founds), founds)]
+    if len(pairs := method_differences(founds, "belief_joint")):
         pairs = pairs[["Difference", "Pairs", "Cost [95 %]"]]
         title = "A covariance for every path against each method, trial by trial"
-        tables.append(table(folder, f"{name}_differences", title, pairs))
+        tables.append(write_table(folder, f"{name}_differences", title, pairs))
     alt = "Paths in the plane: who goes to the light before the goal, and who does not"
     return Section(
         f"Beyond the paper: the light-dark domain of {source}",
@@ -64,37 +64,39 @@ def published_problem(name: str, founds: list[Found], folder: Path) -> Section:
             f"In the light: the mean of the belief comes within {NEAR:g} m of it; kept trials.",
         ],
         tables,
-        picture(folder, name, figures.compare(shown) if (shown := panels(founds)) else None, alt),
+        write_picture(
+            folder, name, figures.compare_paths(shown) if (shown := panels(founds)) else None, alt
+        ),
     )
 
 
-BUILDERS: dict[str, Callable[[list[Found], Path], Section]] = {
+BUILDERS: dict[str, Callable[[list[CellResults], Path], Section]] = {
     name: partial(published_problem, name) for name in SOURCES
 }
 
 
-def lines(founds: Sequence[Found]) -> pd.DataFrame:
+def lines(founds: Sequence[CellResults]) -> pd.DataFrame:
     """A line of text a cell."""
     return pd.DataFrame([_line(one) for one in founds])
 
 
-def _line(found: Found) -> dict[str, str]:
+def _line(found: CellResults) -> dict[str, str]:
     good, beliefs = found.good, seen(found)
     lit = proportion_interval(int(beliefs.lit.sum()), len(beliefs.lit))
     return {
         "method": found.name,
         "trials": str(len(good)),
-        "cost [95 %]": cost(found),
+        "cost [95 %]": cost_text(found),
         "final distance m [95 %]": _away(found),
         "its median": f"{good['final_distance'].median():.2f}",
         "furthest x m": _median(beliefs.furthest),
-        "in the light % [95 %]": interval(lit.times(100), 0),
+        "in the light % [95 %]": interval_text(lit.times(100), 0),
         "belief sd at the end m": _median(beliefs.spread),
         "median NEES": f"{good['nees'].median():.1f}",
     }
 
 
-def seen(found: Found) -> Seen:
+def seen(found: CellResults) -> Seen:
     """Of the kept trials that went well."""
     light, made = found.cell.config["system"]["light"], []
     paths = found.paths[found.paths["trial"].isin(found.good["trial"])]
@@ -112,10 +114,10 @@ def seen(found: Found) -> Seen:
     return Seen(np.array(furthest), np.array(lit, dtype=bool), np.array(spread))
 
 
-def _away(found: Found) -> str:
+def _away(found: CellResults) -> str:
     """Mean distance to the goal at the end and its interval."""
     away: Estimate = mean_interval(found.good["final_distance"].to_numpy())
-    return interval(away, 2)
+    return interval_text(away, 2)
 
 
 def _median(values: np.ndarray) -> str:

@@ -9,8 +9,8 @@ import pandas as pd
 
 from .. import published
 from ..agreement import mean_z, proportion_z, spread_z
-from ..cell_results import Found
-from ..summary import Summary, summary
+from ..cell_results import CellResults
+from ..summary import TrialSummary, summarise_trials
 
 FITTED, HELD_OUT = "fitted", "held out"
 AGREES = 2.0  # standard errors
@@ -29,17 +29,21 @@ class Compared(NamedTuple):
 
 
 def compare(
-    table_1: Sequence[Found], theta: Sequence[Found], weights: Sequence[Found]
+    table_1: Sequence[CellResults], theta: Sequence[CellResults], weights: Sequence[CellResults]
 ) -> list[Compared]:
     """Every number that Table I, the theta sweep and the obstacle-weight sweep publish."""
     return [
-        *(line for found in table_1 for line in _table_1(found, summary(found.rows, None))),
-        *(line for found in theta for line in _theta(found, summary(found.rows, None))),
-        *(line for found in weights for line in _weight(found, summary(found.rows, None))),
+        *(
+            line
+            for found in table_1
+            for line in _table_1(found, summarise_trials(found.rows, None))
+        ),
+        *(line for found in theta for line in _theta(found, summarise_trials(found.rows, None))),
+        *(line for found in weights for line in _weight(found, summarise_trials(found.rows, None))),
     ]
 
 
-def _table_1(found: Found, ours: Summary) -> Iterator[Compared]:
+def _table_1(found: CellResults, ours: TrialSummary) -> Iterator[Compared]:
     paper, m = published.TABLE_1.get(found.method), published.TRIALS
     if paper is None or ours.good < 2:
         return
@@ -54,7 +58,7 @@ def _table_1(found: Found, ours: Summary) -> Iterator[Compared]:
     )
 
 
-def _theta(found: Found, ours: Summary) -> Iterator[Compared]:
+def _theta(found: CellResults, ours: TrialSummary) -> Iterator[Compared]:
     theta, m = float(found.labels["theta"]), published.TRIALS
     paper = published.THETA.get(theta)
     if paper is None or ours.good < 2:
@@ -74,7 +78,7 @@ def _theta(found: Found, ours: Summary) -> Iterator[Compared]:
         )
 
 
-def _weight(found: Found, ours: Summary) -> Iterator[Compared]:
+def _weight(found: CellResults, ours: TrialSummary) -> Iterator[Compared]:
     w_obs = float(found.labels["w_obs"])
     what = f"w_obs {w_obs:g}, {found.name}, collisions %"
     if ours.good < 2:
@@ -87,7 +91,7 @@ def _weight(found: Found, ours: Summary) -> Iterator[Compared]:
             yield _rate(HELD_OUT, what, ours, 0.0, min(bounds))
 
 
-def _rate(kind: str, what: str, ours: Summary, low: float, high: float) -> Compared:
+def _rate(kind: str, what: str, ours: TrialSummary, low: float, high: float) -> Compared:
     """A collision rate against one the paper gives, or the nearest end of its range; z = 0 within."""
     rate, m = ours.collided.value, published.TRIALS
     nearest = min(max(rate, low), high)
@@ -129,7 +133,7 @@ def verdict(lines: Sequence[Compared], kind: str) -> str:
     )
 
 
-def claims(table_1: Sequence[Found], weights: Sequence[Found]) -> list[str]:
+def claims(table_1: Sequence[CellResults], weights: Sequence[CellResults]) -> list[str]:
     """What the paper concludes, judged on our trials: one sentence each, exceptions named."""
     found = [_is_safe(one) for one in table_1 if one.method == "belief" and len(one.good)]
     baselines = [
@@ -157,13 +161,13 @@ def claims(table_1: Sequence[Found], weights: Sequence[Found]) -> list[str]:
     return found
 
 
-def _is_safe(one: Found) -> str:
+def _is_safe(one: CellResults) -> str:
     hits, n = int(one.collided.sum()), len(one.good)
     text = f"MPPI-Belief at theta = {one.labels['theta']:g} has {hits} collisions in {n} trials"
     return text + (", as published." if hits == 0 else "; the paper has none.")
 
 
-def _but(text: str, founds: Sequence[Found], holds: Callable[[float], bool]) -> str:
+def _but(text: str, founds: Sequence[CellResults], holds: Callable[[float], bool]) -> str:
     """The claim, and where it fails."""
     failing: dict[str, None] = {}  # a cell of two studies fails once
     for one in founds:

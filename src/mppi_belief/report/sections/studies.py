@@ -6,12 +6,12 @@ from pathlib import Path
 import pandas as pd
 
 from .. import figures, published
-from ..cell_results import Found, by_method
-from ..comparison import as_latex, differences, table_1
-from ..elements import cost, lines, picture, rate, table
-from ..files import write_text
+from ..cell_results import CellResults, by_method
+from ..comparison import as_latex, method_differences, table_1
+from ..elements import cell_lines, collision_text, cost_text, write_picture, write_table
+from ..frame_files import write_text_file
 from ..page import Picture, Section
-from ..summary import summary
+from ..summary import summarise_trials
 from . import published_problems, reproduction
 from .controlled_sensing import sensing
 from .information import information
@@ -20,7 +20,7 @@ from .proposals import proposals
 from .quality_per_time import quality
 from .two_lanes import two_lanes
 
-Studies = dict[str, list[Found]]
+Studies = dict[str, list[CellResults]]
 
 
 def sections(studies: Studies, folder: Path) -> list[Section]:
@@ -34,11 +34,11 @@ def sections(studies: Studies, folder: Path) -> list[Section]:
     return [*made, *_reproduction(some, folder), *others]
 
 
-def _table_1(founds: list[Found], folder: Path) -> Section:
-    pairs = differences(founds)
-    write_text(folder / "table_1.tex", as_latex(founds))
+def _table_1(founds: list[CellResults], folder: Path) -> Section:
+    pairs = method_differences(founds)
+    write_text_file(folder / "table_1.tex", as_latex(founds))
     rates = [float(one.collided.mean()) if len(one.good) else float("inf") for one in founds]
-    first = table(
+    first = write_table(
         folder, "table_1", "Table I. Cost: mean ± standard deviation", table_1(founds), founds
     )
     tables = [
@@ -48,7 +48,7 @@ def _table_1(founds: list[Found], folder: Path) -> Section:
     ]
     if len(pairs):
         tables.append(
-            table(
+            write_table(
                 folder,
                 "table_1_differences",
                 "MPPI-Belief against each method, trial by trial",
@@ -58,18 +58,19 @@ def _table_1(founds: list[Found], folder: Path) -> Section:
     alt = (
         "Fig. 1: 50 trials of each method in the plane, the noise of the position sensor as shading"
     )
-    pictures = picture(folder, "figure_1", figures.figure_1(founds), alt)
-    if figures.animate(founds, folder / "animation.gif"):
+    pictures = write_picture(folder, "figure_1", figures.figure_1(founds), alt)
+    if figures.write_animation(founds, folder / "animation.gif"):
         alt = "One trial of MPPI-Belief next to CE-MPPI: true path, belief ellipse, sampled paths"
         pictures.append(Picture("animation.gif", alt))
     text = [
-        f"{one.name} costs {cost(one)} and collides in {rate(one)} of its trials." for one in founds
+        f"{one.name} costs {cost_text(one)} and collides in {collision_text(one)} of its trials."
+        for one in founds
     ]
     what = "Costs are those of the true state, obstacle penalties left out. Times are of the machine named below."
     return Section("Table I and Fig. 1: the four methods", [" ".join(text), what], tables, pictures)
 
 
-def _matching(founds: list[Found], folder: Path) -> list[Section]:
+def _matching(founds: list[CellResults], folder: Path) -> list[Section]:
     """The residual along the recorded trial of MPPI-Belief."""
     recorded = [one for one in by_method(founds).get("belief", []) if one.recording and one.scene]
     if not recorded or recorded[0].recording is None:
@@ -89,15 +90,17 @@ def _matching(founds: list[Found], folder: Path) -> list[Section]:
                 f"The paper prints {published.RESIDUAL}; the steady state in the light, sigma_o as intensity, has 0.80."
             ],
             [],
-            picture(folder, "matching", figures.residual_figure(recorded[0]), alt),
+            write_picture(folder, "matching", figures.residual_figure(recorded[0]), alt),
         )
     ]
 
 
-def _weights(founds: list[Found], folder: Path) -> Section:
+def _weights(founds: list[CellResults], folder: Path) -> Section:
     text = []
     for cells in by_method(founds).values():
-        rates = [100 * summary(one.rows, None).collided.value for one in cells if len(one.good)]
+        rates = [
+            100 * summarise_trials(one.rows, None).collided.value for one in cells if len(one.good)
+        ]
         if rates:
             text.append(f"{cells[0].name} in {min(rates):.1f} to {max(rates):.1f} %")
     low, high = (100 * end for end in published.BASELINE_RANGE)
@@ -110,29 +113,37 @@ def _weights(founds: list[Found], folder: Path) -> Section:
             f"Over all weights, collisions happen to {', to '.join(text)} of the trials.",
             f"Held out of the calibration. In the paper the baselines stay within {low:g} to {high:g} %.",
         ],
-        [table(folder, "w_obs_sweep", "Every weight and method", lines(founds), founds)],
-        picture(folder, "figure_2", figures.figure_2(founds), alt),
+        [write_table(folder, "w_obs_sweep", "Every weight and method", cell_lines(founds), founds)],
+        write_picture(folder, "figure_2", figures.figure_2(founds), alt),
     )
 
 
-def _theta(founds: list[Found], folder: Path) -> Section:
-    text = [f"{rate(one)} at theta = {one.labels['theta']:g}" for one in founds if len(one.good)]
+def _theta(founds: list[CellResults], folder: Path) -> Section:
+    text = [
+        f"{collision_text(one)} at theta = {one.labels['theta']:g}"
+        for one in founds
+        if len(one.good)
+    ]
     alt = (
         "Collision rate, clearance and cost over theta, with 95 % intervals and the paper's values"
     )
     return Section(
         "The theta sweep",
         [f"Collisions by risk aversion: {', '.join(text)}.", "Held out of the calibration."],
-        [table(folder, "theta_sweep", "MPPI-Belief by risk aversion", lines(founds), founds)],
-        picture(folder, "theta_sweep", figures.theta_figure(founds), alt),
+        [
+            write_table(
+                folder, "theta_sweep", "MPPI-Belief by risk aversion", cell_lines(founds), founds
+            )
+        ],
+        write_picture(folder, "theta_sweep", figures.theta_figure(founds), alt),
     )
 
 
-def _expectation(founds: list[Found], folder: Path) -> Section:
+def _expectation(founds: list[CellResults], folder: Path) -> Section:
     neutral = [one for one in founds if one.labels["theta"] == 0 and len(one.good)]
     how = {"exact": "expected exactly", "at_mean": "taken at the mean"}
     text = [
-        f"{rate(one)} with the penalty {how[one.labels['controller.expectation']]}"
+        f"{collision_text(one)} with the penalty {how[one.labels['controller.expectation']]}"
         for one in neutral
     ]
     return Section(
@@ -144,28 +155,32 @@ def _expectation(founds: list[Found], folder: Path) -> Section:
             f"{100 * published.THETA[0.0].collision_rate[0]:g} %."
         ],
         [
-            table(
+            write_table(
                 folder,
                 "expectation",
                 "MPPI-Belief by expectation and risk aversion",
-                lines(founds),
+                cell_lines(founds),
                 founds,
             )
         ],
     )
 
 
-def _diffusion(founds: list[Found], folder: Path) -> Section:
+def _diffusion(founds: list[CellResults], folder: Path) -> Section:
     tables = [
-        table(
-            folder, "diffusion", "Two systems, three controllers, theta = 0", lines(founds), founds
+        write_table(
+            folder,
+            "diffusion",
+            "Two systems, three controllers, theta = 0",
+            cell_lines(founds),
+            founds,
         )
     ]
     for name in dict.fromkeys(one.cell.config["names"]["system"] for one in founds):
         cells = [one for one in founds if one.cell.config["names"]["system"] == name]
-        if len(pairs := differences(cells, "lqg")):
+        if len(pairs := method_differences(cells, "lqg")):
             tables.append(
-                table(
+                write_table(
                     folder, f"diffusion_{name}", f"LQG against each, trial by trial: {name}", pairs
                 )
             )
@@ -181,33 +196,34 @@ def _diffusion(founds: list[Found], folder: Path) -> Section:
     )
 
 
-def _samples(founds: list[Found], folder: Path) -> Section:
+def _samples(founds: list[CellResults], folder: Path) -> Section:
     usual = [
         one
         for one in founds
         if one.labels.get("planner.horizon") == published.HORIZON and len(one.good)
     ]
     text = [
-        f"N = {one.labels['planner.n_samples']}: {rate(one)}, cost {cost(one)}" for one in usual
+        f"N = {one.labels['planner.n_samples']}: {collision_text(one)}, cost {cost_text(one)}"
+        for one in usual
     ]
     alt = "Effective sample size, collision rate, cost and time by number of samples and horizon"
     return Section(
         "Horizon and number of samples",
         [f"Collisions and cost at the paper's horizon: {'; '.join(text)}."],
         [
-            table(
+            write_table(
                 folder,
                 "horizon_and_samples",
                 "MPPI-Belief by horizon and samples",
-                lines(founds),
+                cell_lines(founds),
                 founds,
             )
         ],
-        picture(folder, "horizon_and_samples", figures.ess_figure(founds), alt),
+        write_picture(folder, "horizon_and_samples", figures.ess_figure(founds), alt),
     )
 
 
-BUILDERS: dict[str, Callable[[list[Found], Path], Section]] = {
+BUILDERS: dict[str, Callable[[list[CellResults], Path], Section]] = {
     "table_1": _table_1,
     "w_obs_sweep": _weights,
     "theta_sweep": _theta,
@@ -216,7 +232,7 @@ BUILDERS: dict[str, Callable[[list[Found], Path], Section]] = {
     "horizon_and_samples": _samples,
     "quality_per_time": quality,
 }  # of the paper: what a report is of unless it is asked for others
-BEYOND: dict[str, Callable[[list[Found], Path], Section]] = {
+BEYOND: dict[str, Callable[[list[CellResults], Path], Section]] = {
     "information": information,
     "proposals": proposals,
     "controlled_sensing": sensing,
@@ -226,10 +242,12 @@ BEYOND: dict[str, Callable[[list[Found], Path], Section]] = {
 }
 
 
-def _general(name: str, founds: list[Found], folder: Path) -> Section:
+def _general(name: str, founds: list[CellResults], folder: Path) -> Section:
     """A study that the report knows nothing of: its table."""
     return Section(
-        name, [], [table(folder, name.replace("/", "_"), "All cells", lines(founds), founds)]
+        name,
+        [],
+        [write_table(folder, name.replace("/", "_"), "All cells", cell_lines(founds), founds)],
     )
 
 
@@ -241,7 +259,7 @@ def _reproduction(studies: Studies, folder: Path) -> list[Section]:
         return _matching(first, folder)
     kinds = (reproduction.FITTED, reproduction.HELD_OUT)
     tables = [
-        table(
+        write_table(
             folder,
             f"reproduction_{kind.replace(' ', '_')}",
             f"{kind.capitalize().replace(' ', '-')} numbers, z in standard errors",
@@ -252,7 +270,7 @@ def _reproduction(studies: Studies, folder: Path) -> list[Section]:
     ]
     if len(values := _open_values(first)):
         tables.append(
-            table(folder, "calibrated", "What the paper leaves open, as calibrated", values)
+            write_table(folder, "calibrated", "What the paper leaves open, as calibrated", values)
         )
     text = (
         "The paper leaves about ten numbers open. They were fitted to the costs, spreads and collision rates of "
@@ -271,7 +289,7 @@ def _reproduction(studies: Studies, folder: Path) -> list[Section]:
     ]
 
 
-def _open_values(founds: list[Found]) -> pd.DataFrame:
+def _open_values(founds: list[CellResults]) -> pd.DataFrame:
     """The calibrated settings of Table I's MPPI-Belief."""
     rows = []
     for one in by_method(founds).get("belief", [])[:1]:

@@ -8,22 +8,22 @@ import pandas as pd
 from ...results.certificate import Certificate, Check
 from ...results.certificate_files import StoredCertificate
 from .. import figures
-from ..elements import picture, table
-from ..files import write_frame
-from ..origin import commit
+from ..elements import write_picture, write_table
+from ..frame_files import write_frame
+from ..origin import full_commit
 from ..page import Section, Table
 
 HOLDS, FAILS, DOES_NOT = "holds", "FAILS", "does not hold"
 
 
-def show(
+def show_certificates(
     chosen: Sequence[StoredCertificate], stored: Sequence[StoredCertificate], folder: Path
 ) -> bool:
     """Print the chosen certificates and draw their figures into `folder`, with a table of all that are stored there;
     whether the chosen ones hold."""
     for one in chosen:
         _print(one.certificate, f"{one.seconds:.1f} s", FAILS)
-        picture(
+        write_picture(
             folder, one.certificate.name, figures.certificate_figure(one.certificate.panels), ""
         )
     everything = [one.certificate for one in stored]
@@ -101,7 +101,9 @@ def _numbers(certificates: Sequence[Certificate]) -> pd.DataFrame:
 
 def provenance(stored: Sequence[StoredCertificate]) -> list[tuple[str, str]]:
     """Where the certificates come from, for the end of the page."""
-    origins = sorted({f"{commit(one.source)}, seed {one.source.get('seed')}" for one in stored})
+    origins = sorted(
+        {f"{full_commit(one.source)}, seed {one.source.get('seed')}" for one in stored}
+    )
     return [("certificates", "; ".join(origins))] if origins else []
 
 
@@ -112,7 +114,7 @@ def warnings(stored: Sequence[StoredCertificate]) -> list[str]:
     ]
     if any(one.source.get("dirty") for one in stored):
         lines.append("Some certificates were computed from a checkout with uncommitted changes.")
-    if len({commit(one.source) for one in stored}) > 1:
+    if len({full_commit(one.source) for one in stored}) > 1:
         lines.append("The certificates come from different commits.")
     return lines
 
@@ -143,7 +145,7 @@ def _section(one: Certificate, folder: Path) -> Section:
     frame = _checks([one], FAILS).drop(columns="Statement")
     verdict = list(frame.columns).index("Verdict")
     bold = [(row, verdict) for row, check in enumerate(one.checks) if not check.holds]
-    made = table(folder, f"theory_{one.name}", "Checks", frame)._replace(bold=bold)
+    made = write_table(folder, f"theory_{one.name}", "Checks", frame)._replace(bold=bold)
     alt = "; ".join(panel.title for panel in one.panels)
-    drawn = picture(folder, f"theory_{one.name}", figures.certificate_figure(one.panels), alt)
+    drawn = write_picture(folder, f"theory_{one.name}", figures.certificate_figure(one.panels), alt)
     return Section(one.statement, [one.text], [made], drawn)

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from .points import draw
+from .points import draw_estimates
 from .style import BLUE, COLUMN, GREEN, GREY, OTHER, STYLE, Look
 
 if TYPE_CHECKING:
@@ -74,6 +74,8 @@ def _lines(column: np.ndarray, cells: Sequence["Point"], aside: float) -> None:
     column[0].plot(
         x, [point.residual for point in cells], color=look.colour, marker=look.marker, ls=look.line
     )
-    draw(column[1], x, [point.nees for point in cells], look, label=f"NEES, {name}")
-    draw(column[1], x, [point.nis for point in cells], look, label=f"NIS, {name}", **HOLLOW)
-    draw(column[2], x, [point.loss for point in cells], look)
+    draw_estimates(column[1], x, [point.nees for point in cells], look, label=f"NEES, {name}")
+    draw_estimates(
+        column[1], x, [point.nis for point in cells], look, label=f"NIS, {name}", **HOLLOW
+    )
+    draw_estimates(column[2], x, [point.loss for point in cells], look)

@@ -7,15 +7,17 @@ import pandas as pd
 from ..results.files import write_whole
 
 
-def write_text(path: Path, text: str) -> None:
+def write_text_file(path: Path, text: str) -> None:
     """A text file."""
     write_whole(path, lambda temporary: temporary.write_text(text, encoding="utf-8"))
 
 
 def write_frame(folder: Path, stem: str, text: pd.DataFrame, numbers: pd.DataFrame | None) -> None:
     """STEM.md from cells of text, STEM.csv from the numbers or, where there are none, from the same text."""
-    write_text(folder / f"{stem}.md", as_markdown(text))
-    write_text(folder / f"{stem}.csv", (text if numbers is None else numbers).to_csv(index=False))
+    write_text_file(folder / f"{stem}.md", as_markdown(text))
+    write_text_file(
+        folder / f"{stem}.csv", (text if numbers is None else numbers).to_csv(index=False)
+    )
 
 
 def as_markdown(frame: pd.DataFrame) -> str:

@@ -6,14 +6,14 @@ import matplotlib as mpl
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
-from ..cell_results import NAMES, Found
-from .points import draw, mean_of, step_time
-from .style import COLUMN, STYLE, look, place
+from ..cell_results import METHOD_NAMES, CellResults
+from .points import draw_estimates, mean_of, step_time
+from .style import COLUMN, STYLE, method_look, method_order
 
 KEY = "controller.proposal"
 
 
-def proposals_figure(founds: Sequence[Found]) -> Figure | None:
+def proposals_figure(founds: Sequence[CellResults]) -> Figure | None:
     """Cost (left) and effective sample size (right) against ms per step, with 95 % intervals.
 
     A line a method and proposal through its numbers of samples: full marks and lines for the Laplace proposal, hollow
@@ -25,7 +25,7 @@ def proposals_figure(founds: Sequence[Found]) -> Figure | None:
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(2 * COLUMN, 2.5), layout="constrained")
         panels = figure.subplots(1, 2)
-        for method in sorted({found.method for found in there}, key=place):
+        for method in sorted({found.method for found in there}, key=method_order):
             for proposal, more in {
                 "laplace": {"ls": "-"},
                 "nominal": {"ls": ":", "mfc": "white"},
@@ -36,12 +36,12 @@ def proposals_figure(founds: Sequence[Found]) -> Figure | None:
                 cells.sort(key=lambda one: one.samples or 0)
                 times = [step_time(one).value for one in cells]
                 for axes, column in zip(panels, ("cost", "ess"), strict=True):
-                    label = f"{NAMES.get(method, method)}, {proposal}"
-                    draw(
+                    label = f"{METHOD_NAMES.get(method, method)}, {proposal}"
+                    draw_estimates(
                         axes,
                         times,
                         [mean_of(column)(one) for one in cells],
-                        look(method),
+                        method_look(method),
                         label=label,
                         **more,
                     )
