@@ -153,13 +153,16 @@ def subject(row: Row) -> Callable[[int], None]:
     plant, filtering, planning = (role_key(0, 0, role) for role in (PLANT, FILTER, PLANNER))
     x = draw_state(parts.problem, jax.random.fold_in(plant, BEFORE))
     belief = parts.filter.init(parts.problem, jax.random.fold_in(filtering, BEFORE))
-    plan, given = parts.controller.init(parts.problem), []
+    plan = parts.controller.init(parts.problem)
+    given = []
     for k in range(STEPS):
-        key, told = jax.random.fold_in(planning, k), seen(parts.controller, belief, x)
+        key = jax.random.fold_in(planning, k)
+        told = seen(parts.controller, belief, x)
         u, later, _ = act(parts, told, plan, key)
         x, y, after = answer(parts, x, belief, u, k)
         given.append((told, plan, key) if row.what == "step" else (belief, u, y, key))
-        plan, belief = later, after
+        plan = later
+        belief = after
     function = act if row.what == "step" else update
 
     def call(k: int) -> None:

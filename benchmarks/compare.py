@@ -24,7 +24,8 @@ from table import DTYPES, summary
 from workload import workload
 
 RESAMPLES = 10_000
-HERE, THERE = "working tree", "commit"
+HERE = "working tree"
+THERE = "commit"
 
 
 def main(argv: list[str] | None = None) -> None:

@@ -3,7 +3,8 @@
 from collections.abc import Sequence
 from typing import NamedTuple
 
-BOTH, DOUBLE = ("float32", "float64"), ("float64",)
+BOTH = ("float32", "float64")
+DOUBLE = ("float64",)
 
 
 class Contestant(NamedTuple):

@@ -28,7 +28,8 @@ class CannotInstallError(Exception):
 def python(name: str) -> Path:
     """The interpreter of environment `name`, installed if need be; raises `CannotInstallError`."""
     venv = VENVS / name
-    interpreter, stamp = venv / "bin" / "python", venv / ".installed"
+    interpreter = venv / "bin" / "python"
+    stamp = venv / ".installed"
     wanted = requirements(name)
     constraints = HERE / "constraints" / f"{name}.txt"
     digest = hashlib.sha256("\n".join([*wanted, constraints.read_text()]).encode()).hexdigest()

@@ -16,7 +16,8 @@ Workload = dict[str, Any]
 
 def plant_step(workload: Workload, x: list[float], u: list[float]) -> list[float]:
     """The state (4,) after control u (2,)."""
-    dt, (px, py, vx, vy) = workload["dt"], x
+    dt = workload["dt"]
+    (px, py, vx, vy) = x
     return [px + dt * vx, py + dt * vy, vx + dt * u[0], vy + dt * u[1]]
 
 
@@ -41,7 +42,8 @@ class Planner:
     settings = ""
 
     def __init__(self, workload: Workload, dtype: str) -> None:
-        self.workload, self.dtype = workload, dtype
+        self.workload = workload
+        self.dtype = dtype
         self.versions: dict[str, str] = {}
         self._x: list[float] | None = (
             None  # where the timed closed loop stands; None before a trial
@@ -72,15 +74,14 @@ class Planner:
     def _timed_step(self) -> float:
         if self._x is None or self._step == self.workload["steps"]:
             self.reset()
-            self._x, self._step = self.workload["start"], 0
+            self._x = self.workload["start"]
+            self._step = 0
         state = self.observe(self._x)
         started = time.perf_counter()
         result = self.act(state)
         seconds = time.perf_counter() - started
-        self._x, self._step = (
-            plant_step(self.workload, self._x, self.control(result)),
-            self._step + 1,
-        )
+        self._x = plant_step(self.workload, self._x, self.control(result))
+        self._step = self._step + 1
         return seconds
 
     def closed_loop(self) -> dict[str, float]:

@@ -141,7 +141,8 @@ def markdown(rows: list[dict[str, Any]], n_keys: int) -> str:
     ]
     names = {"belief": "MPPI-Belief", "ce": "CE-MPPI"}
     for row in rows:
-        plain, mirrored = row["plain"], row["mirrored"]
+        plain = row["plain"]
+        mirrored = row["mirrored"]
         middle, low, high = row["ratio"]
         lines.append(
             f"| {names[row['controller']]} | {row['n_samples']} | {plain['rmse']:.3f} | {mirrored['rmse']:.3f} "

@@ -8,7 +8,9 @@ from mppi_belief.config.compose import collect
 def workload(overrides: list[str] | None = None) -> dict[str, Any]:
     """Dynamics, costs and sampling of `controller=ce` as JSON: SI units, weights diagonal."""
     (config,) = collect(["controller=ce", *(overrides or [])])
-    cost, problem, planner = config["cost"], config["problem"], config["controller"]
+    cost = config["cost"]
+    problem = config["problem"]
+    planner = config["controller"]
     obstacles = config["system"]["obstacles"]
     return {
         "dt": problem["dt"],

@@ -35,12 +35,17 @@ class Said(NamedTuple):
 @contextmanager
 def restored() -> Iterator[None]:
     """Undo what a command does to its own process."""
-    argv, path, environment, folder = list(sys.argv), list(sys.path), dict(os.environ), Path.cwd()
+    argv = list(sys.argv)
+    path = list(sys.path)
+    environment = dict(os.environ)
+    folder = Path.cwd()
     allowed = list(targets._FOLDERS)
     try:
         yield
     finally:
-        sys.argv, sys.path[:], targets._FOLDERS[:] = argv, path, allowed
+        sys.argv = argv
+        sys.path[:] = path
+        targets._FOLDERS[:] = allowed
         os.chdir(folder)
         os.environ.clear()
         os.environ.update(environment)

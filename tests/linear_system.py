@@ -9,7 +9,8 @@ def random_problem(
     rng: np.random.Generator, nx: int = 3, nu: int = 2, steps: int = 12
 ) -> mb.Problem:
     """A random linear-quadratic problem without obstacles, its goal not an equilibrium."""
-    A, B = rng.normal(size=(nx, nx)), rng.normal(size=(nx, nu))
+    A = rng.normal(size=(nx, nx))
+    B = rng.normal(size=(nx, nu))
     system = mb.Linear(A, B, np.eye(1, nx), 0.2 * np.eye(nx), [0.3], noise_convention="sample")
     running, terminal, control = (np.diag(rng.uniform(0.5, 2, n)) for n in (nx, nx, nu))
     cost = mb.GoalObstacleCost(
@@ -20,9 +21,14 @@ def random_problem(
 
 def lqr(problem: mb.Problem, start: np.ndarray, charged: np.ndarray) -> np.ndarray:
     """Optimal controls (H, nu) from `start` by one dense least-squares solve: no recursion at all."""
-    system, cost, dt = problem.system, problem.cost, problem.dt
-    nx, nu, horizon = len(start), cost.R.shape[0], len(charged) - 1
-    F, B = np.eye(nx) + dt * np.asarray(system.A), dt * np.asarray(system.B)
+    system = problem.system
+    cost = problem.cost
+    dt = problem.dt
+    nx = len(start)
+    nu = cost.R.shape[0]
+    horizon = len(charged) - 1
+    F = np.eye(nx) + dt * np.asarray(system.A)
+    B = dt * np.asarray(system.B)
     free = np.concatenate(
         [np.linalg.matrix_power(F, k) @ start - cost.goal for k in range(horizon + 1)]
     )

@@ -22,7 +22,11 @@ from helpers import quick_jit
 from mppi_belief.config.environment import prepare
 from mppi_belief.simulate import closed_loop
 
-N, HORIZON, STEPS, PARTICLES, BATCH = 32, 6, 6, 16, 500
+N = 32
+HORIZON = 6
+STEPS = 6
+PARTICLES = 16
+BATCH = 500
 SIZES = ((1, 1, 1), (2, 1, 1), (3, 2, 2), (4, 2, 3), (6, 3, 4))  # nx, nu, ny of the linear systems
 SYSTEMS = ("light_dark", "scalar_linear", *(f"linear_{nx}_{nu}_{ny}" for nx, nu, ny in SIZES))
 Numbers = dict[str, Any]
@@ -53,7 +57,8 @@ class Watched:
 
 
 SAMPLED = {"n_samples": N, "horizon": HORIZON}
-EKF, PARTICLE = lambda: mb.EKF(), lambda: mb.ParticleFilter(PARTICLES, noise_at="mean")
+EKF = lambda: mb.EKF()
+PARTICLE = lambda: mb.ParticleFilter(PARTICLES, noise_at="mean")
 EACH = partial(mb.ParticleFilter, PARTICLES)
 TOTAL = {"risk": "total", "charge": "start"}
 PRINTED = {"diffusion": "innovation", "schedule": "riccati", **TOTAL}
@@ -263,7 +268,8 @@ def violations(found: Loop, dtype: str) -> dict[str, np.ndarray]:
         checks["planned covariance"] = _not_semidefinite(planned, dtype)
     if hasattr(found.made, "weights"):
         checks["weights"] = _not_weights(found.made.weights, eps)
-        ess, n = found.trial.ess, found.made.weights.shape[-1]
+        ess = found.trial.ess
+        n = found.made.weights.shape[-1]
         checks["effective sample size"] = ~np.all(
             (ess >= 1 - n * eps) & (ess <= n * (1 + n * eps)), axis=1
         )
@@ -275,7 +281,8 @@ def violations(found: Loop, dtype: str) -> dict[str, np.ndarray]:
 def _not_semidefinite(cov: np.ndarray, dtype: str) -> np.ndarray:
     """A sum of m products of rows is off by at most m eps of the rows' lengths, in norm by n m eps of the largest
     eigenvalue; m is at most the number of particles. A product below the least normal number is lost whole."""
-    n, number = cov.shape[-1], np.finfo(dtype)
+    n = cov.shape[-1]
+    number = np.finfo(dtype)
     terms = n * max(n, PARTICLES)
     cov = cov.reshape(len(cov), -1, n, n).astype(float)
     values = np.linalg.eigvalsh(np.where(np.isfinite(cov), cov, 0.0))
@@ -296,7 +303,8 @@ def studied(
     numbers = draw(system, count, seed)
     with jax.enable_x64(dtype == "float64"):
         for method in methods:
-            run, size = loops(system, method), min(BATCH, count)
+            run = loops(system, method)
+            size = min(BATCH, count)
             for first in range(0, count, size):
                 part = {
                     name: values[np.arange(first, first + size) % count]
@@ -318,7 +326,8 @@ def main() -> None:
     parser.add_argument("--dtype", action="append", choices=("float32", "float64"))
     options = parser.parse_args()
     prepare()
-    chosen, worst = options.system or SYSTEMS, 0
+    chosen = options.system or SYSTEMS
+    worst = 0
     for dtype in options.dtype or ("float32", "float64"):
         for system in chosen:
             count = -(-options.count // len(chosen))

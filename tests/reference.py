@@ -23,7 +23,8 @@ class Linear(NamedTuple):
 
 def light_dark(sampled: bool, dt: float, slope: float = 0.5**0.5, floor: float = 0.1) -> Linear:
     """Sec. VII; `sampled` says that sigma_o is the standard deviation of one measurement."""
-    eye, none = np.eye(2), np.zeros((2, 2))
+    eye = np.eye(2)
+    none = np.zeros((2, 2))
     scale = dt if sampled else 1.0
     return Linear(
         A=np.block([[none, eye], [none, none]]),
@@ -53,8 +54,10 @@ def kalman_step(
 ) -> tuple[np.ndarray, Matrix]:
     """Predict through `step`, then update in information form, (Sigma^-1 + C' R^-1 C)^-1."""
     F = jacobian(step, mean)
-    mean, cov = step(mean), F @ cov @ F.T + Q
-    C, R_inverse = jacobian(measure, mean), np.linalg.inv(R(mean))
+    mean = step(mean)
+    cov = F @ cov @ F.T + Q
+    C = jacobian(measure, mean)
+    R_inverse = np.linalg.inv(R(mean))
     cov = np.linalg.inv(np.linalg.inv(cov) + C.T @ R_inverse @ C)
     return mean + cov @ C.T @ R_inverse @ (y - measure(mean)), cov
 
@@ -78,7 +81,8 @@ def belief_flow(
     n = len(mean)
 
     def rate(_: float, flat: np.ndarray) -> np.ndarray:
-        x, S = flat[:n], flat[n:].reshape(n, n)
+        x = flat[:n]
+        S = flat[n:].reshape(n, n)
         D = S @ model.C.T @ np.linalg.inv(model.intensity(x)) @ model.C @ S
         return np.concatenate(
             [model.A @ x + model.B @ u, (model.A @ S + S @ model.A.T + model.Q - D).ravel()]
@@ -121,7 +125,8 @@ def covariance(
     f_mean, g_mean = (float(expectation(h, mean, cov, nodes)) for h in (f, g))
 
     def products(x: np.ndarray) -> np.ndarray:
-        df, dg = f(x) - f_mean, g(x) - g_mean
+        df = f(x) - f_mean
+        dg = g(x) - g_mean
         return np.stack([df**2, dg**2, df * dg])
 
     return f_mean, g_mean, *(float(v) for v in expectation(products, mean, cov, nodes))
@@ -189,7 +194,9 @@ def schedule(
     model: Linear, mean: np.ndarray, cov: Matrix, dt: float, steps: int, method: str
 ) -> tuple[list[np.ndarray], list[Matrix], list[Matrix]]:
     """Line 1 without controls: nominal means and Sigma_k at t_0..t_H, D_k at t_0..t_{H-1}."""
-    means, covs, diffusions = [mean], [cov], []
+    means = [mean]
+    covs = [cov]
+    diffusions = []
     F = np.eye(len(mean)) + model.A * dt
     for _ in range(steps):
         if method == "riccati":
@@ -219,7 +226,8 @@ def algorithm_1(
 
     L (H, n, n) is handed over, since L_k L_k' = D_k leaves it open up to a rotation; line 1 checks it.
     """
-    dt, temperature = planner.dt, planner.temperature
+    dt = planner.dt
+    temperature = planner.temperature
     H, _, N = normals.shape
     _, covs, D = schedule(model, mean, cov, dt, H, method)  # 1
     ranks = [np.linalg.matrix_rank(d, rtol=1e-12) for d in D]
@@ -228,9 +236,12 @@ def algorithm_1(
         np.testing.assert_allclose(factor @ factor.T, d, atol=1e-12 * np.abs(d).max())
     G = model.B  # 2
     M = control_map(G, planner.R) @ L[0]  # 3
-    first, costs = np.zeros((N, ranks[0])), np.zeros(N)
+    first = np.zeros((N, ranks[0]))
+    costs = np.zeros(N)
     for i in range(N):  # 4
-        mu, S = mean, 0.0  # 5
+        # 5
+        mu = mean
+        S = 0.0
         for k in range(H):  # 6
             eps = np.sqrt(dt) * normals[k, : ranks[k], i]  # 7
             if k == 0:
@@ -267,7 +278,8 @@ def gaussian_paths(
 
     mu_k = F^k mean + row_k . eps; S = sum over k of q/2 mu_k^2 dt, plus q_T/2 mu_H^2.
     """
-    F, s = 1 + a * dt, np.sqrt(diffusion)
+    F = 1 + a * dt
+    s = np.sqrt(diffusion)
     rows = np.array(
         [[s * F ** (k - 1 - j) if j < k else 0.0 for j in range(steps)] for k in range(steps + 1)]
     )

@@ -114,7 +114,8 @@ def store(
 def store_pictured(folder: Path, trial: int, steps: int = 3) -> None:
     """What pictures need beside the rows: the path of one trial in the plane, its scene, a recording of it."""
     where = [np.array([1.0 + k, 1.0 - k / 4, 1.0, -0.25]) for k in range(steps + 1)]
-    cov, u = 0.02 * np.eye(4).ravel(), np.zeros(2)
+    cov = 0.02 * np.eye(4).ravel()
+    u = np.zeros(2)
     results.write_paths(
         folder,
         [

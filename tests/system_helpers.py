@@ -4,7 +4,8 @@ import numpy as np
 
 import mppi_belief as mb
 
-BEACONS, ANCHOR = np.array([[1.0, -2.0], [5.0, 2.0], [2.0, 3.0]]), np.array([3.0, 0.5])
+BEACONS = np.array([[1.0, -2.0], [5.0, 2.0], [2.0, 3.0]])
+ANCHOR = np.array([3.0, 0.5])
 NOISE = {"distance_floor": 0.1, "distance_slope": 0.2, "bearing_floor": 0.03, "bearing_slope": 0.05}
 
 

@@ -65,7 +65,10 @@ class Process:
     """A contestant without a process: as `remote.Remote`, the replies as JSON."""
 
     def __init__(self, make, fails_at=""):
-        self.make, self.fails_at, self.ended, self.asked = make, fails_at, False, []
+        self.make = make
+        self.fails_at = fails_at
+        self.ended = False
+        self.asked = []
 
     def ask(self, do, **values):
         self.asked.append(do)
@@ -91,8 +94,10 @@ def test_the_work_is_what_the_configuration_says(workload):
     )
     names = ("n_samples", "horizon", "temperature", "control_std")
     assert [workload[name] for name in names] == [getattr(controller, name) for name in names]
-    x, u = np.array([2.0, 0.5, 1.0, -0.5]), np.array([0.3, -0.2])
-    goal, width = np.array(workload["goal"]), workload["bump_width"]
+    x = np.array([2.0, 0.5, 1.0, -0.5])
+    u = np.array([0.3, -0.2])
+    goal = np.array(workload["goal"])
+    width = workload["bump_width"]
     quadratic = {
         key: 0.5 * np.sum(workload[key] * (x - goal) ** 2)
         for key in ("running_weight", "terminal_weight")

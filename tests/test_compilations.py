@@ -12,7 +12,8 @@ from cli_helpers import PLANNER, compose
 from experiment_helpers import compiled_quickly
 from mppi_belief.trial import check, run_trials, time_steps
 
-TRACED, COMPILED = "jaxpr_trace_duration", "backend_compile_duration"
+TRACED = "jaxpr_trace_duration"
+COMPILED = "backend_compile_duration"
 GROUPS = ("system", "cost", "problem", "filter", "controller")
 
 

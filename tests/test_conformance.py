@@ -192,7 +192,9 @@ class TestPairs:
         self, group, option, system
     ):
         config = configured(group, option, system)
-        parts, batch, again = build(config), run_trials(config, [0, 1]), run_trials(config, [1])
+        parts = build(config)
+        batch = run_trials(config, [0, 1])
+        again = run_trials(config, [1])
         for row in batch.rows:
             assert (row["status"], row["error"], row["steps"]) == ("ok", None, 3)
             assert row["cost"] >= 0

@@ -26,7 +26,8 @@ def test_euler_step_by_hand(x64):
 
 def test_sigma_o_is_a_samples_standard_deviation_or_an_intensity(x64):
     variance = (2 / np.sqrt(2) + 0.1) ** 2
-    sample, intensity = system("sample"), system("intensity")
+    sample = system("sample")
+    intensity = system("intensity")
     np.testing.assert_allclose(
         discretise.measurement_cov(sample, X, DT), variance * np.eye(2), rtol=1e-14
     )
@@ -47,10 +48,8 @@ def test_factor_covariance_and_intensity_agree_for_a_full_noise_matrix(conventio
     sigma = random_spd(rng, 2) @ np.array([[1.0, 0.7], [0.0, 1.0]])
     sensor = SimpleNamespace(noise_convention=convention, sigma_o=lambda x: sigma)
     factor = discretise.measurement_factor(sensor, X, DT)
-    R_s, R_o = (
-        discretise.measurement_cov(sensor, X, DT),
-        discretise.measurement_intensity(sensor, X, DT),
-    )
+    R_s = discretise.measurement_cov(sensor, X, DT)
+    R_o = discretise.measurement_intensity(sensor, X, DT)
     np.testing.assert_allclose(factor @ factor.T, R_s, rtol=1e-13)
     np.testing.assert_allclose(R_o, R_s * DT, rtol=1e-13)
     np.testing.assert_allclose(R_s if convention == "sample" else R_o, sigma @ sigma.T, rtol=1e-13)

@@ -41,7 +41,8 @@ def test_covariances_weights_and_controls_hold_in_random_scenarios(system, metho
 
 def test_two_measurements_of_a_rank_one_belief_a_million_times_their_noise_in_float32():
     """Inverting S, which is singular to rounding, made the covariance indefinite."""
-    root, C = 1e3 * np.array([1.0, 0.7, -0.4]), np.array([[1.0, 0.3, 0.2], [0.9, 0.4, 0.1]])
+    root = 1e3 * np.array([1.0, 0.7, -0.4])
+    C = np.array([[1.0, 0.3, 0.2], [0.9, 0.4, 0.1]])
     noise = np.array([1.0, 0.5])
     with float64():
         exact = 1 / (1 / 1 + np.sum((C @ root / noise) ** 2))
@@ -102,8 +103,10 @@ def test_decorrelated_noise_is_diagonal(x64, rng):
 
 def test_a_riccati_step_keeps_slow_decay_beside_a_very_good_sensor_in_float32():
     """Doubled as often as the information needs it, 1 + A dt / 2^s used to round to 1: nothing decayed."""
-    A, zero = jnp.diag(jnp.array([0.0, -1.0])), jnp.zeros((2, 2))
-    C, R_o = jnp.array([[1.0, 0.0]]), jnp.array([[1e-9]])
+    A = jnp.diag(jnp.array([0.0, -1.0]))
+    zero = jnp.zeros((2, 2))
+    C = jnp.array([[1.0, 0.0]])
+    R_o = jnp.array([[1e-9]])
     found = quick_jit(belief.riccati_step)(jnp.eye(2), A, zero, C, R_o, 1.0)
     np.testing.assert_allclose(np.diag(found), [1e-9, np.exp(-2)], rtol=0.01)  # eps sqrt(1 / 1e-9)
 

@@ -53,7 +53,11 @@ class Planner:
     """A subject whose control steps take 2 ns for each sample and step ahead, and 1 ms more in its first round."""
 
     def __init__(self, name, fails=()):
-        self.name, self.fails, self.asked, self.ended, self.process = name, fails, [], False, self
+        self.name = name
+        self.fails = fails
+        self.asked = []
+        self.ended = False
+        self.process = self
         self.pid = os.getpid()
 
     def poll(self):
@@ -120,7 +124,8 @@ def test_the_machines_own_efficiency_is_that_of_steps_alone_and_at_once(monkeypa
                 else {}
             )
 
-    busy, cpus = [], []
+    busy = []
+    cpus = []
     monkeypatch.setattr(table_1.os, "sched_getaffinity", lambda pid: {0, 1, 2})
     monkeypatch.setattr(table_1, "workload", lambda: {"steps": 60})
     monkeypatch.setattr(table_1, "TURNS", 3)
@@ -169,7 +174,8 @@ def test_cost_of_a_sample_step_and_one_that_fails(monkeypatch, tmp_path):
 
 
 def test_a_process_that_had_to_compile_is_started_again(monkeypatch, tmp_path):
-    started, kept = [], iter(range(100))
+    started = []
+    kept = iter(range(100))
     monkeypatch.setattr(samples, "workload", lambda: {"steps": 60, "horizon": 30})
     monkeypatch.setattr(
         rounds, "start", lambda *args: started.append(Planner(args[2])) or started[-1]

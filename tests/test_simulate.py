@@ -13,7 +13,8 @@ import reference
 from helpers import CENTERS, Feedback, assert_covariance, assert_mean, light_dark_problem, quick_jit
 from mppi_belief.simulate import FILTER, PLANNER, PLANT, draw_state, plant_step, role_key
 
-DT, STEPS = 0.1, 20
+DT = 0.1
+STEPS = 20
 MODEL = reference.light_dark(sampled=True, dt=DT)
 
 
@@ -42,7 +43,8 @@ def problem() -> mb.Problem:
 
 def residuals(trial: mb.Trial) -> tuple[np.ndarray, np.ndarray]:
     """Process noise (N, T, 4), and measurement noise over its standard deviation (N, T, 2)."""
-    x, after = trial.states[:, :-1], trial.states[:, 1:]
+    x = trial.states[:, :-1]
+    after = trial.states[:, 1:]
     process = after - x - DT * (x @ MODEL.A.T + trial.controls @ MODEL.B.T)
     sigma = np.abs(after[..., :1] - 5) / np.sqrt(2) + 0.1
     return process, (trial.measurements - after[..., :2]) / sigma
@@ -114,7 +116,8 @@ def test_plant_noise_has_the_distribution_of_the_model(problem, x64):
 @pytest.mark.parametrize("convention", ["sample", "intensity"])
 def test_one_step_of_the_plant_follows_the_noise_convention(convention, x64):
     problem = light_dark_problem(system={"noise_convention": convention})
-    x, u = jnp.array([3.0, 0.5, 1.0, -1.0]), jnp.array([2.0, 0.0])
+    x = jnp.array([3.0, 0.5, 1.0, -1.0])
+    u = jnp.array([2.0, 0.0])
     step = quick_jit(jax.vmap(lambda key: plant_step(problem, x, u, key)))
     after, y = step(jax.random.split(jax.random.key(2), 20_000))
     assert_mean(after, [3.1, 0.4, 1.2, -1.0])
@@ -136,7 +139,8 @@ def test_beliefs_start_at_the_prior_and_follow_the_filter(problem, x64):
     trial = run(problem, Feedback(1.0))
     np.testing.assert_array_equal(trial.beliefs.mean[0, 0], problem.prior_mean)
     np.testing.assert_allclose(trial.controls, -trial.beliefs.mean[:, :-1, :2], rtol=1e-12)
-    mean, cov = trial.beliefs.mean[0, 0], trial.beliefs.cov[0, 0]
+    mean = trial.beliefs.mean[0, 0]
+    cov = trial.beliefs.cov[0, 0]
     for k in range(STEPS):
         mean, cov = reference.kalman_step(
             mean,
@@ -156,10 +160,13 @@ def test_metrics_equal_a_recomputation(problem, x64):
     found = jax.tree.map(
         np.asarray, quick_jit(jax.vmap(lambda one: mb.metrics(problem, one)))(trial)
     )
-    goal, Q = np.array([7.0, 0, 0, 0]), np.diag([1.5, 1.5, 0.6, 0.6])
-    Q_T, R = np.diag([5, 5, 0.15, 0.15]), 0.035 * np.eye(2)
+    goal = np.array([7.0, 0, 0, 0])
+    Q = np.diag([1.5, 1.5, 0.6, 0.6])
+    Q_T = np.diag([5, 5, 0.15, 0.15])
+    R = 0.035 * np.eye(2)
     for i in range(3):
-        x, u = trial.states[i], trial.controls[i]
+        x = trial.states[i]
+        u = trial.controls[i]
         running = sum(
             0.5 * ((x[k] - goal) @ Q @ (x[k] - goal) + u[k] @ R @ u[k]) * DT for k in range(STEPS)
         )

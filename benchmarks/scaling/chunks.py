@@ -21,7 +21,8 @@ from mppi_belief.run.worker import Setup
 
 from .sizes import Sizes
 
-WORKERS, TRIALS = 2, 10
+WORKERS = 2
+TRIALS = 10
 KINDS = {"local": {"kind": "local"}, "dask": {"kind": "dask", "address": None, "patience": 60.0}}
 
 
@@ -81,7 +82,8 @@ def timed(
     config: dict[str, Any] = {key: {} for key in IDENTITY}
     config |= {"names": {"controller": "none"}, "precision": "float32", "platform": "cpu"}
     cells = [Cell(config | {"seed": seed, "batch": 1}) for seed in range(count)]
-    wall, cpu = clock(), time.process_time()
+    wall = clock()
+    cpu = time.process_time()
     trials = tuple(range(TRIALS))
     ended = sum(
         1 for _ in Pool(nothing, workers, rounds.say).run([Chunk(cell, trials) for cell in cells])
@@ -101,6 +103,7 @@ def markdown(numbers: dict[str, Any]) -> str:
         "|---|---|---|---|",
     ]
     for kind in KINDS:
-        wall, cpu = numbers[kind]["wall_ms"], numbers[kind]["cpu_ms"]
+        wall = numbers[kind]["wall_ms"]
+        cpu = numbers[kind]["cpu_ms"]
         lines.append(f"| `executor={kind}` | {wall:.1f} | {cpu:.1f} | {1e3 / cpu:.0f} |")
     return "\n".join(lines)

@@ -31,7 +31,9 @@ class Look(NamedTuple):
 def measure(sizes: Sizes, folder: Path) -> dict[str, Any]:
     """Memory of the parent and each worker, how the part files came."""
     rounds.say(f"long_run: {sizes.long_trials} trials")
-    results, looks, began = folder / "results", list[Look](), time.perf_counter()
+    results = folder / "results"
+    looks = list[Look]()
+    began = time.perf_counter()
 
     def look(pid: int) -> None:
         trials = [trials_in(path.name) for path in results.glob("*/part-*.parquet")]

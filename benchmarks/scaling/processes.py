@@ -41,7 +41,8 @@ def watched(
     folder.mkdir(parents=True, exist_ok=True)
     log = folder / "stderr.txt"
     with log.open("w") as stderr:
-        started, began = time.time(), time.perf_counter()
+        started = time.time()
+        began = time.perf_counter()
         process = subprocess.Popen(
             [COMMAND, *args],
             cwd=folder,

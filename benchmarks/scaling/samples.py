@@ -100,7 +100,8 @@ def fixed_ms(rows: list[dict[str, Any]]) -> float | None:
     """What a step of the fewest samples takes beyond these samples at the price that they have among the most."""
     if not rows:
         return None
-    few, many = rows[0], rows[-1]
+    few = rows[0]
+    many = rows[-1]
     return few["median_ms"] - few["n"] * many["median_ms"] / many["n"]
 
 

@@ -20,7 +20,8 @@ PHASES = ("until the first trials are on disk", "trials", "the Time column", "ta
 
 def measure(sizes: Sizes, folder: Path) -> dict[str, Any]:
     """ms per cell in each phase, and the programs compiled for the few cells and for the many."""
-    cache, (few, many) = folder / "cache", sizes.sweep_cells
+    cache = folder / "cache"
+    (few, many) = sizes.sweep_cells
     rounds.say(f"sweep: {few} cells")
     _run(few, folder / "cold", cache)
     kept = [programs(cache)]

@@ -78,7 +78,8 @@ class Appearance:
     """When a path was first seen (s since the epoch), by whoever calls this again and again."""
 
     def __init__(self, path: Path) -> None:
-        self.path, self.at = path, float("nan")
+        self.path = path
+        self.at = float("nan")
 
     def __call__(self, pid: int) -> None:
         if math.isnan(self.at) and self.path.exists():
@@ -123,7 +124,8 @@ def _step(some: Sequence[Any], work: dict[str, Any]) -> float:
 
 def markdown(numbers: dict[str, Any]) -> str:
     """A table of seconds."""
-    own, repeats = numbers["machine_efficiency"], len(next(iter(numbers["runs"]["warm"].values())))
+    own = numbers["machine_efficiency"]
+    repeats = len(next(iter(numbers["runs"]["warm"].values())))
     lines = [
         f"**Table I**, {numbers['trials']} trials, seconds, the median of {repeats} warm runs. A process of its own on "
         f"each of two CPUs, with nothing shared, reaches an efficiency of {own:.2f} here."

@@ -15,7 +15,8 @@ import pinocchio as pin
 
 from plant import Planner, Workload
 
-THRESHOLD, ITERATIONS = 1e-5, 50
+THRESHOLD = 1e-5
+ITERATIONS = 50
 
 
 def make(name: str, workload: Workload, dtype: str) -> Planner:
@@ -52,7 +53,8 @@ class Crocoddyl(Planner):
 def solver(workload: Workload) -> crocoddyl.SolverDDP:
     """The receding-horizon problem, each state but the first charged as by our planners."""
     state = point_mass()
-    dt, effort = workload["dt"], {"effort": control_cost(state, workload)}
+    dt = workload["dt"]
+    effort = {"effort": control_cost(state, workload)}
     rate = state_costs(state, workload)
     last = {name: (cost, weight * dt) for name, (cost, weight) in rate.items()}
     last["goal at the end"] = quadratic(state, workload["goal"], workload["terminal_weight"]), 1.0
@@ -64,13 +66,15 @@ def solver(workload: Workload) -> crocoddyl.SolverDDP:
     made = crocoddyl.SolverDDP(
         crocoddyl.ShootingProblem(np.array(workload["start"]), [first, *middle], end)
     )
-    made.th_stop, made.problem.nthreads = THRESHOLD, 1
+    made.th_stop = THRESHOLD
+    made.problem.nthreads = 1
     return made
 
 
 def point_mass() -> crocoddyl.StateMultibody:
     """A unit mass in the plane: its centre of mass is its position."""
-    model, here = pin.Model(), pin.SE3.Identity()
+    model = pin.Model()
+    here = pin.SE3.Identity()
     slider = model.addJoint(
         model.addJoint(0, pin.JointModelPX(), here, "x"), pin.JointModelPY(), here, "y"
     )

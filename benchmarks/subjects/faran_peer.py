@@ -61,7 +61,8 @@ def numpy_simulate(dt: float) -> Any:
 
 def stage_costs(xp: Any, workload: Workload) -> Any:
     """(states (T, 4, M), inputs (T, 2, M)) -> costs (T, M), the terminal cost with the last step's."""
-    dt, goal = workload["dt"], workload["goal"]
+    dt = workload["dt"]
+    goal = workload["goal"]
 
     def costs(states: Any, inputs: Any) -> Any:
         squares = [(states[:, i] - goal[i]) ** 2 for i in range(4)]
@@ -88,8 +89,11 @@ class Faran(Planner):
     ) -> None:
         super().__init__(workload, dtype)
         self.versions = {name: version(name) for name in ("faran", "jax", "numpy")}
-        self.backend, self.simple, self.mppi = backend, backend.types.simple, mppi
-        self._simulate, self._costs = simulate, costs
+        self.backend = backend
+        self.simple = backend.types.simple
+        self.mppi = mppi
+        self._simulate = simulate
+        self._costs = costs
         self.planner = self.planner_with(seed=0)
 
     def planner_with(self, **randomness: Any) -> Any:
@@ -155,13 +159,15 @@ class FaranOneJit(FaranJax):
             key: jax.Array, nominal: Any, x: jax.Array
         ) -> tuple[jax.Array, jax.Array, jax.Array]:
             planner = self.planner_with(key=key)
-            sequence, state = self.simple.control_input_sequence(nominal), self.simple.state(x)
+            sequence = self.simple.control_input_sequence(nominal)
+            state = self.simple.state(x)
             made = planner.step(
                 temperature=workload["temperature"], nominal_input=sequence, initial_state=state
             )
             return planner.sampler.key, made.nominal.array, made.optimal.array
 
-        self.program, self.key = step, jax.random.key(0)
+        self.program = step
+        self.key = jax.random.key(0)
 
     def reset(self) -> None:
         self.nominal = jnp.zeros((self.workload["horizon"], 2))

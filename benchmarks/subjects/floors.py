@@ -43,7 +43,8 @@ class Floor:
     def __init__(self, name: str, dtype: str) -> None:
         controller, self.parts = PARTS[name]
         config = config_of(controller, dtype)
-        self.x64, self.versions = dtype == "float64", versions()
+        self.x64 = dtype == "float64"
+        self.versions = versions()
         with jax.enable_x64(self.x64):
             self.problem, filter, self.controller = jax.device_put(build(config))
             samples = self.controller.n_samples * getattr(filter, "n_particles", 1)
@@ -53,7 +54,8 @@ class Floor:
             self.program = jax.jit(self._program)
 
     def _program(self, plan: jax.Array, controls: jax.Array, key: jax.Array) -> list[jax.Array]:
-        belief, made = prior(self.problem), []
+        belief = prior(self.problem)
+        made = []
         if "normals" in self.parts:
             normals = standard_normal(key, (*plan.shape, self.drawn))
             half = self.drawn < controls.shape[-1]

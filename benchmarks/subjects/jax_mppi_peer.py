@@ -57,11 +57,10 @@ class JaxMppi(Planner):
 
 def functions(workload: Workload) -> tuple:
     """Dynamics, running and terminal cost of one state (4,) and action (2,)."""
-    dt, goal = workload["dt"], jnp.array(workload["goal"])
-    weight, last_weight = (
-        jnp.array(workload["running_weight"]),
-        jnp.array(workload["terminal_weight"]),
-    )
+    dt = workload["dt"]
+    goal = jnp.array(workload["goal"])
+    weight = jnp.array(workload["running_weight"])
+    last_weight = jnp.array(workload["terminal_weight"])
     centers = jnp.array(workload["centers"])
 
     def dynamics(x: jax.Array, u: jax.Array) -> jax.Array:

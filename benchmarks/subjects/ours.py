@@ -37,11 +37,10 @@ class Controller:
     """A controller of `conf/controller`."""
 
     def __init__(self, name: str, workload: Workload, dtype: str) -> None:
-        self.config, self.workload = config_of(name, dtype), workload
-        self.versions, self.settings = (
-            versions(),
-            f"as configured; XLA_FLAGS={os.environ['XLA_FLAGS']}",
-        )
+        self.config = config_of(name, dtype)
+        self.workload = workload
+        self.versions = versions()
+        self.settings = f"as configured; XLA_FLAGS={os.environ['XLA_FLAGS']}"
 
     def time(self, calls: int) -> list[float]:
         return time_steps(self.config, WARM_UP + calls)[WARM_UP:]
@@ -52,8 +51,10 @@ class Controller:
             problem, filter, controller = build(self.config)
             act = jax.jit(lambda belief, plan, key: controller.act(problem, belief, plan, key)[:2])
             update = jax.jit(lambda belief, u, y, key: filter.update(problem, belief, u, y, key))
-            key, path = jax.random.key(0), [self.workload["start"]]
-            belief, plan = filter.init(problem, key), controller.init(problem)
+            key = jax.random.key(0)
+            path = [self.workload["start"]]
+            belief = filter.init(problem, key)
+            plan = controller.init(problem)
             for k in range(self.workload["steps"]):
                 u, plan = act(belief, plan, jax.random.fold_in(key, 2 * k))
                 path.append(plant_step(self.workload, path[-1], u.tolist()))

@@ -58,7 +58,8 @@ class PytorchMppi(Planner):
 
 def functions(workload: Workload, real: torch.dtype) -> tuple:
     """Dynamics and running cost of states (K, 4) and actions (K, 2); terminal cost of states (1, K, T, 4)."""
-    dt, width = workload["dt"], workload["bump_width"]
+    dt = workload["dt"]
+    width = workload["bump_width"]
     names = ("goal", "running_weight", "terminal_weight", "centers")
     goal, weight, last_weight, centers = (
         torch.tensor(workload[name], dtype=real) for name in names

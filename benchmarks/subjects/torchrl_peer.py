@@ -91,7 +91,8 @@ class TorchRL(Planner):
 
 def functions(workload: Workload, real: torch.dtype) -> tuple:
     """Next state and reward of states (..., 4) and actions (..., 2), the terminal cost of a state."""
-    dt, std = workload["dt"], workload["control_std"]
+    dt = workload["dt"]
+    std = workload["control_std"]
     names = ("goal", "running_weight", "terminal_weight", "centers", "control_weight")
     goal, weight, last_weight, centers, R = (
         torch.tensor(workload[name], dtype=real) for name in names

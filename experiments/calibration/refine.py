@@ -40,7 +40,9 @@ def to_unit(at: dict[str, Any]) -> np.ndarray:
 def _unit(range: scenario.Range, value: float) -> float:
     low, high, log = range
     if log:
-        low, high, value = math.log(low), math.log(high), math.log(value)
+        low = math.log(low)
+        high = math.log(high)
+        value = math.log(value)
     return (value - low) / (high - low)
 
 
@@ -58,7 +60,9 @@ def deviations(steps: int, unit: Sequence[float]) -> tuple[list[float], dict[str
     """Table I's twelve z at a point, and what was measured."""
     if not _bases:
         _bases.update(scenario.base_configs())
-    at, z, found = from_unit(np.asarray(unit), steps), [], {}
+    at = from_unit(np.asarray(unit), steps)
+    z = []
+    found = {}
     for method in scenario.METHODS:
         rows = scenario.run(scenario.configure(_bases[method], at), range(TRIALS[method]))
         found[method] = scenario.measure(rows)
@@ -93,7 +97,9 @@ def refine(
         if not losses[best] < sum(value**2 for value in z):
             damping *= 100
             continue
-        unit, damping, (z, found) = tried[best], dampings[best], answers[best]
+        unit = tried[best]
+        damping = dampings[best]
+        (z, found) = answers[best]
         J = jacobian(pool, steps, unit, z)
     _say(iterations, z, unit, steps, found)
     return unit, J
@@ -118,7 +124,8 @@ def standard_errors(J: np.ndarray, unit: np.ndarray, steps: int) -> dict[str, tu
         np.full(J.shape[1], 12.0)
     )  # a uniform number on [0, 1] has variance 1/12
     error = np.sqrt(np.diag(np.linalg.inv(information)))
-    at, other = from_unit(unit, steps), from_unit(unit + error, steps)
+    at = from_unit(unit, steps)
+    other = from_unit(unit + error, steps)
     return {name: (at[name], abs(other[name] - at[name])) for name in NAMES}
 
 

@@ -126,10 +126,8 @@ def measure(rows: Sequence[dict[str, Any]]) -> Measured:
     cost = np.array([row["cost"] for row in rows])
     if not all(row["status"] == "ok" for row in rows):
         return Measured(*[float("nan")] * 5)
-    hits, far = (
-        np.mean([row["collided"] for row in rows]),
-        np.mean([row["final_distance"] for row in rows]),
-    )
+    hits = np.mean([row["collided"] for row in rows])
+    far = np.mean([row["final_distance"] for row in rows])
     clear = np.mean([row["clearance"] for row in rows])
     return Measured(
         float(cost.mean()), float(cost.std(ddof=1)), float(hits), float(far), float(clear)
@@ -140,7 +138,8 @@ def deviations(
     method: str, found: Measured, n: int = published.TRIALS
 ) -> tuple[float, float, float]:
     """z of cost, spread and collision rate against Table I, as if measured on n trials."""
-    row, m = published.TABLE_1[method], published.TRIALS
+    row = published.TABLE_1[method]
+    m = published.TRIALS
     return (
         mean_z(found.cost, found.spread, n, row.cost, row.spread, m),
         spread_z(found.spread, n, row.spread, m),

@@ -38,7 +38,9 @@ def suggest(trial: optuna.Trial) -> dict[str, Any]:
 
 def objective(trial: optuna.Trial, bases: dict[str, dict[str, Any]]) -> float:
     """The loss of one candidate, reported after every stage."""
-    at, rows, loss = suggest(trial), {method: [] for method in scenario.METHODS}, {}
+    at = suggest(trial)
+    rows = {method: [] for method in scenario.METHODS}
+    loss = {}
     for stage, (methods, n) in enumerate(STAGES):
         for method in methods:
             rows[method] += scenario.run(
