@@ -1,9 +1,10 @@
-"""What goes beyond the paper takes of time: a control step or a filter's update beside what it stands in for.
+"""Times what goes beyond the paper: a control step, or an update of a filter, beside its standard.
 
     python benchmarks/beyond.py [--rounds N] [--docs]
 
-All are compiled first, on one CPU with one thread; then they take turns, a trial of 60 steps a round. Ratios are of the
-medians of one run. Writes outputs/bench/beyond.json and .md; `--docs` writes docs/benchmarks.md too.
+All programs are compiled first, on one CPU with one thread. Then they take turns, one trial of 60
+steps per round. Ratios are those of the medians of one run. Writes outputs/bench/beyond.json and
+.md; `--docs` writes docs/benchmarks.md too.
 """
 
 import argparse
@@ -36,12 +37,12 @@ GUIDED = "controller.proposal=laplace"
 
 
 class Row(NamedTuple):
-    """What is timed, "step" or "update" of a configuration, and the row it stands in for (itself: none)."""
+    """Represents a configuration that is timed and the row that it is compared with."""
 
     name: str
-    what: str
-    overrides: tuple[str, ...]
-    beside: str
+    what: str  # "step": of the controller, "update": of the filter
+    overrides: tuple[str, ...]  # of the command line
+    beside: str  # the row it is compared with; its own name: none
 
 
 ROWS = (
@@ -89,7 +90,7 @@ ROWS = (
 
 
 def main(argv: list[str] | None = None) -> None:
-    """Measure, write, print."""
+    """Measures all rows, writes the report and prints its table."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--rounds", type=int, default=20)
     parser.add_argument("--docs", action="store_true", help="write docs/benchmarks.md too")
@@ -118,7 +119,7 @@ def main(argv: list[str] | None = None) -> None:
 
 
 def measure(rounds: int) -> dict[str, list[float]]:
-    """Seconds of every call of every row, in turns."""
+    """Returns the seconds of every call by the name of its row; the rows take turns."""
     calls = {}
     for row in ROWS:
         calls[row.name] = subject(row)
@@ -134,11 +135,11 @@ def measure(rounds: int) -> dict[str, list[float]]:
 
 
 def subject(row: Row) -> Callable[[int], None]:
-    """The call for step k of a trial that has been run, waited for; compiled."""
+    """Returns the compiled call of a row, which computes step k of a trial and waits for it."""
     (config,) = collect([*row.overrides, f"problem.steps={STEPS}"])
     parts = build(config)
     act = jax.jit(
-        lambda parts, belief, plan, key: _told(
+        lambda parts, belief, plan, key: _step_result(
             *parts.controller.act(parts.problem, belief, plan, key)
         )
     )
@@ -154,45 +155,47 @@ def subject(row: Row) -> Callable[[int], None]:
     x = draw_state(parts.problem, jax.random.fold_in(plant, BEFORE))
     belief = parts.filter.init(parts.problem, jax.random.fold_in(filtering, BEFORE))
     plan = parts.controller.init(parts.problem)
-    given = []
+    arguments = []
     for k in range(STEPS):
         key = jax.random.fold_in(planning, k)
-        told = seen(parts.controller, belief, x)
-        u, later, _ = act(parts, told, plan, key)
-        x, y, after = answer(parts, x, belief, u, k)
-        given.append((told, plan, key) if row.what == "step" else (belief, u, y, key))
-        plan = later
-        belief = after
+        controller_belief = seen(parts.controller, belief, x)
+        u, next_plan, _ = act(parts, controller_belief, plan, key)
+        x, y, next_belief = answer(parts, x, belief, u, k)
+        arguments.append(
+            (controller_belief, plan, key) if row.what == "step" else (belief, u, y, key)
+        )
+        plan = next_plan
+        belief = next_belief
     function = act if row.what == "step" else update
 
     def call(k: int) -> None:
-        jax.block_until_ready(function(parts, *given[k]))
+        jax.block_until_ready(function(parts, *arguments[k]))
 
     call(0)
     return call
 
 
-def _told(u: Any, plan: Any, info: Any) -> tuple[Any, Any, Any]:
-    """What a run keeps of a step."""
+def _step_result(u: Any, plan: Any, info: Any) -> tuple[Any, Any, Any]:
+    """Returns what a run keeps of a control step; a program need not return the rest."""
     return u, plan, info.ess
 
 
 def markdown(report: dict[str, Any]) -> str:
-    """The table, and under it when and where."""
-    took = report["milliseconds"]
+    """Returns the table, and below it when and where it was measured."""
+    milliseconds = report["milliseconds"]
     lines = ["| | what | ms | ratio to |", "|---|---|---|---|"]
     for row in ROWS:
         ratio = (
-            f"{took[row.name] / took[row.beside]:.2f} {row.beside}"
+            f"{milliseconds[row.name] / milliseconds[row.beside]:.2f} {row.beside}"
             if row.beside != row.name
             else ""
         )
-        lines.append(f"| {row.name} | {row.what} | {took[row.name]:.3f} | {ratio} |")
+        lines.append(f"| {row.name} | {row.what} | {milliseconds[row.name]:.3f} | {ratio} |")
     load = ", ".join(f"{value:.2f}" for value in report["load"])
     lines += [
         "",
-        f"{origin(report)}; load average before {load}; {report['rounds']} rounds of {STEPS} calls, float32, "
-        "one thread on one CPU.",
+        f"{origin(report)}; load average before {load}; "
+        f"{report['rounds']} rounds of {STEPS} calls, float32, one thread on one CPU.",
     ]
     return "\n".join(lines)
 

@@ -1,9 +1,10 @@
-"""Beyond one machine: what handing out chunks costs, what rows cost on disk and in reading.
+"""Measures the costs of a cluster: handing out chunks, and rows on disk and when they are read.
 
     python benchmarks/cluster.py [PART ...] [--quick] [--docs]
 
-PART is one of chunks rows; both, some minutes, without one. Writes outputs/bench/cluster.json and .md and prints the
-tables; `--docs` writes docs/cluster.md too. `--quick` runs a little of each, and writes nothing.
+PART is `chunks` or `rows`; without one both are measured, which takes some minutes. Writes
+outputs/bench/cluster.json and .md and prints the tables; `--docs` writes docs/cluster.md too.
+`--quick` runs a little of each and writes nothing.
 """
 
 import json
@@ -20,7 +21,7 @@ DOCS = ROOT / "docs" / "cluster.md"
 
 
 def main(argv: list[str] | None = None) -> None:
-    """Measure, write, print."""
+    """Measures the chosen parts, writes the report and prints its tables."""
     options = scale.options_of(argv, PARTS, __doc__ or "")
     sizes = QUICK if options.quick else Sizes()
     report = {name: scale.measured(PARTS[name], sizes) for name in options.parts or PARTS}

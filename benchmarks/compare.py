@@ -1,9 +1,10 @@
-"""The working tree against a commit: our controllers, interleaved round by round on one CPU.
+"""Compares the working tree with a commit: our controllers, interleaved round by round on one CPU.
 
     python benchmarks/compare.py COMMIT [NAME ...] [--rounds N] [--calls N] [--dtype D]
 
-Prints for each controller the two medians and the ratio of the working tree's to the commit's, below 1 where the
-working tree is faster: the median of the rounds' ratios with its 95 % bootstrap interval. Nothing is asserted.
+Prints for each controller the two medians and the ratio of the working tree's to the commit's,
+below 1 where the working tree is faster: the median of the rounds' ratios with its 95 % bootstrap
+interval. Nothing is asserted.
 """
 
 import argparse
@@ -29,7 +30,7 @@ THERE = "commit"
 
 
 def main(argv: list[str] | None = None) -> None:
-    """Unpack, measure, print."""
+    """Unpacks the commit, measures both trees and prints a line per controller."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("commit", help="any word git takes for a commit")
     parser.add_argument(
@@ -40,7 +41,8 @@ def main(argv: list[str] | None = None) -> None:
     parser.add_argument("--dtype", action="append", choices=DTYPES, help="float32 without it")
     options = parser.parse_args(argv)
     chosen = choose(
-        options.names or ["ours"], [one for one in CONTESTANTS if one.environment is None]
+        options.names or ["ours"],
+        [contestant for contestant in CONTESTANTS if contestant.environment is None],
     )
     with tempfile.TemporaryDirectory(prefix="mppi-belief-") as folder:
         unpack(options.commit, Path(folder))
@@ -48,12 +50,18 @@ def main(argv: list[str] | None = None) -> None:
         print(f"{'':16}{HERE + ' ms':>16}{options.commit[:12] + ' ms':>16}   ratio [95 %]")
         for dtype in options.dtype or DTYPES[:1]:
             results = _measure(chosen, trees, dtype, options.rounds, options.calls)
-            for one in chosen:
-                print(line(one.name, dtype, *(results[f"{one.name} {tree}"] for tree in trees)))
+            for contestant in chosen:
+                print(
+                    line(
+                        contestant.name,
+                        dtype,
+                        *(results[f"{contestant.name} {tree}"] for tree in trees),
+                    )
+                )
 
 
 def unpack(commit: str, folder: Path) -> None:
-    """The files of a commit; ends with one line for a word that is none."""
+    """Unpacks a commit into `folder`; ends the program with one line if there is no such commit."""
     archive = folder / "tree.tar"
     command = [
         "git",
@@ -67,44 +75,46 @@ def unpack(commit: str, folder: Path) -> None:
         "conf",
         "pyproject.toml",
     ]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    if done.returncode:
-        raise SystemExit(f"{commit}: {done.stderr.strip().splitlines()[-1]}")
+    archived = subprocess.run(command, capture_output=True, text=True, check=False)
+    if archived.returncode:
+        raise SystemExit(f"{commit}: {archived.stderr.strip().splitlines()[-1]}")
     with tarfile.open(archive) as files:
         files.extractall(folder, filter="data")
     code = "import mppi_belief; print(mppi_belief.__file__)"
     env = environment_of(folder)
-    said = subprocess.run(
+    imported_from = subprocess.run(
         [sys.executable, "-c", code], env=env, capture_output=True, text=True, check=True
     ).stdout
-    if not Path(said.strip()).resolve().is_relative_to(folder.resolve()):
+    if not Path(imported_from.strip()).resolve().is_relative_to(folder.resolve()):
         raise SystemExit(
-            f"the package of {commit} is hidden by {said.strip()}: install this checkout with pip -e"
+            f"the package of {commit} is hidden by {imported_from.strip()}: "
+            "install this checkout with pip -e"
         )
 
 
 def environment_of(tree: Path) -> dict[str, str]:
-    """What makes a process import the package of a tree, which finds its own conf/."""
+    """Returns the environment variables that make a process import the package of a tree."""
     return {"PYTHONPATH": str(tree / "src")}
 
 
 def _measure(
     chosen: Sequence[Contestant], trees: dict[str, Path], dtype: str, n_rounds: int, calls: int
 ) -> dict[str, dict[str, Any]]:
+    """Measures every contestant in both trees; returns the results by contestant and tree."""
     subjects = {
-        f"{one.name} {tree}": rounds.start(
+        f"{contestant.name} {tree}": rounds.start(
             sys.executable,
-            one.module,
-            one.name,
+            contestant.module,
+            contestant.name,
             rounds.one_cpu(),
             ROOT
             / "outputs"
             / "bench"
             / "logs"
-            / f"{one.name}-{dtype}-{tree.replace(' ', '-')}.txt",
+            / f"{contestant.name}-{dtype}-{tree.replace(' ', '-')}.txt",
             environment_of(path),
         )
-        for one in chosen
+        for contestant in chosen
         for tree, path in trees.items()
     }
     try:
@@ -114,7 +124,7 @@ def _measure(
 
 
 def line(name: str, dtype: str, here: dict[str, Any], there: dict[str, Any]) -> str:
-    """One line of the printed table."""
+    """Returns one line of the printed table."""
     label = f"{name} {dtype[5:]}"
     for tree, result in ((HERE, here), (THERE, there)):
         if "error" in result:
@@ -127,7 +137,7 @@ def line(name: str, dtype: str, here: dict[str, Any], there: dict[str, Any]) -> 
 def ratio_interval(
     here: list[list[float]], there: list[list[float]], seed: int = 0
 ) -> tuple[float, float, float]:
-    """Median of the rounds' ratios of medians, and its 95 % bootstrap interval over rounds."""
+    """Returns the median of the rounds' ratios of medians and its 95 % bootstrap interval."""
     ratios = np.array([np.median(a) / np.median(b) for a, b in zip(here, there, strict=True)])
     drawn = np.random.default_rng(seed).choice(ratios, (RESAMPLES, len(ratios)))
     low, high = np.quantile(np.median(drawn, axis=1), [0.025, 0.975])

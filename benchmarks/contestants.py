@@ -1,4 +1,4 @@
-"""Who is measured: ours, their floors, the peers."""
+"""Lists who is measured: our controllers, their floors, and the peers."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -8,17 +8,16 @@ DOUBLE = ("float64",)
 
 
 class Contestant(NamedTuple):
-    """A name of the command line; `module` of `subjects`, `environment` of `environments` (None: this package's),
-    `floor`: the floor of one of ours, `beside`: which of ours it is compared with."""
+    """Represents a program that is measured."""
 
-    name: str
-    kind: str
-    label: str
-    module: str = "ours"
-    environment: str | None = None
+    name: str  # on the command line
+    kind: str  # a key of `KINDS`
+    label: str  # in the table
+    module: str = "ours"  # of `subjects`
+    environment: str | None = None  # of `environments`; None: this package's own
     dtypes: tuple[str, ...] = BOTH
-    floor: str | None = None
-    beside: str = "ce"
+    floor: str | None = None  # the name of the floor of one of ours
+    beside: str = "ce"  # the name of ours that it is compared with
 
 
 CONTESTANTS = (
@@ -56,17 +55,22 @@ KINDS = {"ours": "Ours", "floors": "Floors", "peers": "Peers"}
 
 
 def choose(words: Sequence[str], among: Sequence[Contestant] = CONTESTANTS) -> list[Contestant]:
-    """The contestants that `words` name, by name, kind or environment, in the order of the list; all without words.
+    """Returns the contestants that `words` name, in the order of the list.
 
-    Raises `SystemExit` for a word that names none.
+    Without words all are returned. A word is the name of a contestant, a kind or an
+    environment; raises `SystemExit` for any other.
     """
     for word in words:
-        if not any(word in _names(one) for one in among):
-            raise SystemExit(
-                f"{word}: not one of {', '.join([*KINDS, *(one.name for one in among)])}"
-            )
-    return [one for one in among if not words or any(word in _names(one) for word in words)]
+        if not any(word in _names(contestant) for contestant in among):
+            known = ", ".join([*KINDS, *(contestant.name for contestant in among)])
+            raise SystemExit(f"{word}: not one of {known}")
+    return [
+        contestant
+        for contestant in among
+        if not words or any(word in _names(contestant) for word in words)
+    ]
 
 
-def _names(one: Contestant) -> tuple[str | None, ...]:
-    return one.name, one.kind, one.environment
+def _names(contestant: Contestant) -> tuple[str | None, ...]:
+    """Returns the words by which a contestant can be chosen."""
+    return contestant.name, contestant.kind, contestant.environment

@@ -1,9 +1,11 @@
-"""One control step of ours beside every MPPI library, on the work of Sec. VII: one process, thread and CPU each.
+"""Times one control step of ours beside every MPPI library, on the work of Sec. VII.
 
     python benchmarks/control_step.py [NAME ...] [--rounds N] [--calls N] [--dtype D] [--docs]
 
-NAME is a contestant, a kind (ours, floors, peers) or an environment, see `contestants`; all of them without one.
-Writes outputs/bench/control_step.json and .md and prints the table; `--docs` writes docs/benchmarks.md too.
+Each contestant has one process, one thread and one CPU. NAME is a contestant, a kind (ours, floors,
+peers) or an environment, see `contestants`; without one all are measured. Writes
+outputs/bench/control_step.json and .md and prints the table; `--docs` writes docs/benchmarks.md
+too.
 """
 
 import argparse
@@ -26,10 +28,10 @@ OUTPUT = environments.ROOT / "outputs" / "bench"
 
 
 def main(argv: list[str] | None = None) -> None:
-    """Install, measure, write, print."""
+    """Installs the peers, measures, writes the report and prints its table."""
     options = _options(argv)
     chosen = choose(options.names)
-    pythons, reasons = _interpreters(chosen)
+    pythons, reasons = interpreters(chosen)
     report = {
         **{
             key: value
@@ -43,8 +45,8 @@ def main(argv: list[str] | None = None) -> None:
         "rows": {},
     }
     for dtype in options.dtype or DTYPES:
-        runners = [one for one in chosen if dtype in one.dtypes]
-        report["rows"][dtype] = _measure(runners, pythons, reasons, report, dtype)
+        runners = [contestant for contestant in chosen if dtype in contestant.dtypes]
+        report["rows"][dtype] = measure_precision(runners, pythons, reasons, report, dtype)
         _write(report)
     text = markdown(report)
     if options.docs:
@@ -53,6 +55,7 @@ def main(argv: list[str] | None = None) -> None:
 
 
 def _options(argv: list[str] | None) -> argparse.Namespace:
+    """Returns the parsed arguments."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument(
         "names", nargs="*", help="contestants, kinds or environments; all without one"
@@ -68,11 +71,13 @@ def _options(argv: list[str] | None) -> argparse.Namespace:
     return parser.parse_args(argv)
 
 
-def _interpreters(chosen: list[Contestant]) -> tuple[dict[str | None, Path], dict[str | None, str]]:
-    """Environment -> its interpreter, or why there is none."""
+def interpreters(chosen: list[Contestant]) -> tuple[dict[str | None, Path], dict[str | None, str]]:
+    """Returns the interpreter of each environment, and the reason for each that has none."""
     pythons: dict[str | None, Path] = {None: Path(sys.executable)}
     reasons: dict[str | None, str] = {}
-    for name in dict.fromkeys(one.environment for one in chosen if one.environment):
+    for name in dict.fromkeys(
+        contestant.environment for contestant in chosen if contestant.environment
+    ):
         try:
             pythons[name] = environments.python(name)
         except environments.CannotInstallError as error:
@@ -81,26 +86,26 @@ def _interpreters(chosen: list[Contestant]) -> tuple[dict[str | None, Path], dic
     return pythons, reasons
 
 
-def _measure(
+def measure_precision(
     runners: list[Contestant],
     pythons: dict[str | None, Path],
     reasons: dict[str | None, str],
     report: dict[str, Any],
     dtype: str,
 ) -> dict[str, dict[str, Any]]:
-    """The rows of one precision, those that could not be installed with their reason."""
-    ready = [one for one in runners if one.environment in pythons]
+    """Returns the rows of one precision; a contestant that is not installed has its reason."""
+    ready = [contestant for contestant in runners if contestant.environment in pythons]
     threads = threads_of_peers()
     subjects = {
-        one.name: rounds.start(
-            pythons[one.environment],
-            one.module,
-            one.name,
+        contestant.name: rounds.start(
+            pythons[contestant.environment],
+            contestant.module,
+            contestant.name,
             rounds.one_cpu(),
-            OUTPUT / "logs" / f"{one.name}-{dtype}.txt",
-            threads if one.environment else None,
+            OUTPUT / "logs" / f"{contestant.name}-{dtype}.txt",
+            threads if contestant.environment else None,
         )
-        for one in ready
+        for contestant in ready
     }
     try:
         measured = rounds.measure(
@@ -109,15 +114,15 @@ def _measure(
     finally:
         rounds.end(list(subjects.values()))
     missing = {
-        one.name: {"error": reasons[one.environment]}
-        for one in runners
-        if one.environment in reasons
+        contestant.name: {"error": reasons[contestant.environment]}
+        for contestant in runners
+        if contestant.environment in reasons
     }
     return {name: summary(result) for name, result in measured.items()} | missing
 
 
 def threads_of_peers() -> dict[str, str]:
-    """One thread for each library, and the XLA flags that ours runs with."""
+    """Returns environment variables: one thread for each library, and the XLA flags of ours."""
     before = dict(os.environ)
     try:
         environment.prepare()
@@ -128,6 +133,7 @@ def threads_of_peers() -> dict[str, str]:
 
 
 def _write(report: dict[str, Any]) -> None:
+    """Writes the report as JSON and as Markdown."""
     OUTPUT.mkdir(parents=True, exist_ok=True)
     (OUTPUT / "control_step.json").write_text(json.dumps(report, indent=1))
     (OUTPUT / "control_step.md").write_text(markdown(report) + "\n")

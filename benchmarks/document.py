@@ -1,4 +1,4 @@
-"""The measured parts of docs/benchmarks.md and docs/cluster.md, each between two markers of its own."""
+"""Writes measured parts of docs/benchmarks.md and docs/cluster.md between their markers."""
 
 from pathlib import Path
 
@@ -9,18 +9,21 @@ END = "<!-- end -->"
 
 
 def write_between(name: str, text: str, page: Path | None = None) -> None:
-    """Put `text` where docs/benchmarks.md, or another page, has the measured part `name`."""
+    """Replaces the measured part `name` of docs/benchmarks.md, or of another page, by `text`."""
     page = page or DOCS
     page.write_text(between(page.read_text(), name, text))
 
 
 def between(document: str, name: str, text: str) -> str:
-    """The document with `text` between the marker of `name` and the next end."""
+    """Returns the document with `text` between the marker of `name` and the next end marker.
+
+    Raises `SystemExit` if either marker is missing.
+    """
     start = f"<!-- measured: {name} -->"
-    head, found, rest = document.partition(start)
-    if not found:
+    head, marker, rest = document.partition(start)
+    if not marker:
         raise SystemExit(f"{DOCS.name} has no line {start}")
-    old, ended, tail = rest.partition(END)
-    if not ended or "<!-- measured:" in old:
+    old, end_marker, tail = rest.partition(END)
+    if not end_marker or "<!-- measured:" in old:
         raise SystemExit(f"{DOCS.name}: what was measured after {start} does not end with {END}")
     return f"{head}{start}\n\n{text}\n\n{END}{tail}"

@@ -1,6 +1,8 @@
-"""An environment for each peer: `.venv-bench/NAME`, with the extra `bench-NAME` of pyproject.toml and nothing else.
+"""Installs an environment per peer: `.venv-bench/NAME` with the extra `bench-NAME` of
+pyproject.toml.
 
-The versions are those of `constraints/NAME.txt`. An environment is made once and again when either file changes.
+The versions are those of `constraints/NAME.txt`. An environment is made once, and again when either
+file changes.
 """
 
 import glob
@@ -22,11 +24,13 @@ TIMEOUT = 1800  # s, for one installation
 
 
 class CannotInstallError(Exception):
-    """Why an environment is not there, in one line."""
+    """Says in one line why an environment is missing."""
 
 
 def python(name: str) -> Path:
-    """The interpreter of environment `name`, installed if need be; raises `CannotInstallError`."""
+    """Returns the interpreter of environment `name`, installing it first if necessary; raises
+    `CannotInstallError`.
+    """
     venv = VENVS / name
     interpreter = venv / "bin" / "python"
     stamp = venv / ".installed"
@@ -46,7 +50,7 @@ def python(name: str) -> Path:
 
 
 def requirements(name: str) -> list[str]:
-    """What pyproject.toml has as the extra of environment `name`."""
+    """Returns the requirements of environment `name`, an extra of pyproject.toml."""
     extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"][
         "optional-dependencies"
     ]
@@ -54,7 +58,7 @@ def requirements(name: str) -> list[str]:
 
 
 def find_python(name: str) -> str:
-    """An interpreter of a version that the peer runs on; raises `CannotInstallError`."""
+    """Returns an interpreter of a version that the peer supports; raises `CannotInstallError`."""
     versions = PYTHONS.get(name, (f"{sys.version_info[0]}.{sys.version_info[1]}",))
     pyenv = os.environ.get("PYENV_ROOT", str(Path.home() / ".pyenv"))
     for wanted in versions:
@@ -69,6 +73,7 @@ def find_python(name: str) -> str:
 
 
 def _version(candidate: str) -> str:
+    """Returns the version of an interpreter as major.minor; an empty text if it does not start."""
     code = "import sys; print('%d.%d' % sys.version_info[:2])"
     try:
         return subprocess.run(
@@ -79,12 +84,15 @@ def _version(candidate: str) -> str:
 
 
 def _run(command: list[str]) -> None:
+    """Runs an installation command; raises `CannotInstallError` if it fails or takes too long."""
     try:
-        done = subprocess.run(command, capture_output=True, text=True, timeout=TIMEOUT, check=False)
+        installation = subprocess.run(
+            command, capture_output=True, text=True, timeout=TIMEOUT, check=False
+        )
     except subprocess.TimeoutExpired:
         raise CannotInstallError(f"installation took more than {TIMEOUT} s") from None
-    if done.returncode:
-        said = [
-            line for line in done.stderr.splitlines() if line.startswith("ERROR")
-        ] or done.stderr.splitlines()
-        raise CannotInstallError(f"not installed: {said[-1].strip() if said else command}")
+    if installation.returncode:
+        messages = [
+            line for line in installation.stderr.splitlines() if line.startswith("ERROR")
+        ] or installation.stderr.splitlines()
+        raise CannotInstallError(f"not installed: {messages[-1].strip() if messages else command}")

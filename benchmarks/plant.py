@@ -1,28 +1,30 @@
-"""The noise-free double integrator that every subject drives, and the planner a peer's adapter has to be.
+"""Defines the plant that every subject drives, and the interface of a peer's adapter.
 
     p' = v,  v' = u,  in Euler steps of dt: x = [p_x, p_y, v_x, v_y] in m and m/s, u in m/s^2
 
-Standard library only: it runs in each peer's own environment.
+The plant is a double integrator without noise. Only the standard library is used, since this module
+runs in each peer's own environment.
 """
 
 import math
 import time
 from typing import Any
 
-WARM_UP = 5  # calls at the start of each round that are not counted: caches are cold after the others' turns
+# Calls at the start of each round that are not counted: caches are cold after the others' turns.
+WARM_UP = 5
 
 Workload = dict[str, Any]
 
 
 def plant_step(workload: Workload, x: list[float], u: list[float]) -> list[float]:
-    """The state (4,) after control u (2,)."""
+    """Returns the state (4,) after control u (2,)."""
     dt = workload["dt"]
     (px, py, vx, vy) = x
     return [px + dt * vx, py + dt * vy, vx + dt * u[0], vy + dt * u[1]]
 
 
 def judge(workload: Workload, path: list[list[float]]) -> dict[str, float]:
-    """How near a path came to the goal, how far from it it ended, its least distance to an obstacle's surface: m."""
+    """Returns a path's least and final distance from the goal and its least clearance, in m."""
     to_goal = [math.dist(x[:2], workload["goal"][:2]) for x in path]
     apart = min(math.dist(x[:2], center) for x in path for center in workload["centers"])
     return {
@@ -33,7 +35,7 @@ def judge(workload: Workload, path: list[list[float]]) -> dict[str, float]:
 
 
 class Planner:
-    """One controller on the workload. An adapter fills in the five methods below.
+    """Represents one controller on the workload. An adapter implements the five methods below.
 
     settings   one sentence: how the library was set up
     versions   package -> version
@@ -51,27 +53,31 @@ class Planner:
         self._step = 0
 
     def reset(self) -> None:
-        """Forget the plan: the next step is the first of a trial."""
+        """Forgets the plan: the next step is the first of a trial."""
         raise NotImplementedError
 
     def observe(self, x: list[float]) -> Any:
-        """The state in the library's own array; not timed."""
+        """Returns the state in the library's own array type; not timed."""
         raise NotImplementedError
 
     def act(self, state: Any) -> Any:
-        """One control step, the plan warm started as the library does it, its result waited for. This is timed."""
+        """Computes one control step and waits for its result; this is timed.
+
+        The plan is warm started as the library does it.
+        """
         raise NotImplementedError
 
     def control(self, result: Any) -> list[float]:
-        """What `act` returned as numbers (2,); not timed."""
+        """Returns the result of `act` as numbers (2,); not timed."""
         raise NotImplementedError
 
     def time(self, calls: int) -> list[float]:
-        """Seconds of single control steps in closed loop, from the start of a trial on."""
+        """Returns the seconds of single control steps in closed loop from the start of a trial."""
         self._x = None
         return [self._timed_step() for _ in range(WARM_UP + calls)][WARM_UP:]
 
     def _timed_step(self) -> float:
+        """Returns the seconds of one step and moves the plant; starts a new trial if necessary."""
         if self._x is None or self._step == self.workload["steps"]:
             self.reset()
             self._x = self.workload["start"]
@@ -85,7 +91,7 @@ class Planner:
         return seconds
 
     def closed_loop(self) -> dict[str, float]:
-        """One trial from start to goal, see `judge`."""
+        """Runs one trial from start to goal and judges it, see `judge`."""
         self.reset()
         path = [self.workload["start"]]
         for _ in range(self.workload["steps"]):

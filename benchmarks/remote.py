@@ -1,4 +1,4 @@
-"""A contestant's process, as seen from here: start, ask, wait, end. See `subject` for what it is asked."""
+"""Starts a contestant's process, asks it, waits for it and ends it; `subject` is the other side."""
 
 import json
 import os
@@ -14,11 +14,11 @@ TIMEOUT = 300  # s, for one reply: some compile for a minute
 
 
 class SubjectError(Exception):
-    """What went wrong in a contestant's process, in one line."""
+    """Says in one line what went wrong in a contestant's process."""
 
 
 class Remote:
-    """A process that answers requests one at a time; it sleeps in between."""
+    """Represents a process that answers requests one at a time and sleeps in between."""
 
     def __init__(
         self, command: Sequence[str | os.PathLike], log: Path, env: Mapping[str, str] | None = None
@@ -38,13 +38,17 @@ class Remote:
         threading.Thread(target=self._listen, daemon=True).start()
 
     def _listen(self) -> None:
+        """Queues each line that the process prints, and an empty one when it has ended."""
         assert self.process.stdout is not None
         for line in self.process.stdout:
             self._replies.put(line)
         self._replies.put("")  # it has ended
 
     def ask(self, do: str, timeout: float = TIMEOUT, **values: Any) -> dict[str, Any]:
-        """Its reply; raises `SubjectError` for an error in it, none in time, or a process that is gone."""
+        """Returns the reply to a request.
+
+        Raises `SubjectError` if the reply is an error, comes too late, or the process has ended.
+        """
         assert self.process.stdin is not None
         try:
             self.process.stdin.write(json.dumps({"do": do, **values}) + "\n")
@@ -63,7 +67,7 @@ class Remote:
         return reply
 
     def end(self) -> None:
-        """Ask it to stop; make it stop."""
+        """Asks the process to stop, and kills it if it does not."""
         try:
             self.ask("quit", timeout=10)
         except SubjectError:

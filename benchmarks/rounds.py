@@ -1,6 +1,8 @@
-"""Interleaved rounds: all contestants are started and compiled, then A B C, A B C, ... take turns on one CPU.
+"""Runs interleaved rounds: all contestants are compiled, then A B C, A B C, ... take turns on one
+CPU.
 
-A drift of the machine then meets all alike. One that fails is out, with its reason; the others go on.
+A drift of the machine then affects all alike. A contestant that fails is left out with its reason;
+the others go on.
 """
 
 import os
@@ -13,7 +15,7 @@ from remote import SUBJECT, Remote, SubjectError
 
 
 class Asked(Protocol):
-    """What answers requests, see `remote.Remote`."""
+    """Describes what answers requests, see `remote.Remote`."""
 
     def ask(self, do: str, **values: Any) -> dict[str, Any]: ...
 
@@ -28,19 +30,22 @@ def start(
     log: Path,
     env: Mapping[str, str] | None = None,
 ) -> Remote:
-    """The process of one contestant, pinned to `cpu`."""
+    """Starts the process of one contestant, pinned to `cpu`."""
     return Remote([python, SUBJECT, module, name, str(cpu)], log, env)
 
 
 def one_cpu() -> int:
-    """The last CPU this process may use: the first serves most interrupts."""
+    """Returns the last CPU that this process may use; the first one serves most interrupts."""
     return max(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 0
 
 
 def measure(
     subjects: dict[str, Asked], workload: dict[str, Any], dtype: str, rounds: int, calls: int
 ) -> dict[str, dict[str, Any]]:
-    """Name -> versions, settings, closed loop and `rounds` (a list of seconds for each), or `error`."""
+    """Returns by name: versions, settings, closed loop and `rounds` (a list of seconds for each).
+
+    A contestant that failed has `error` instead.
+    """
     results: dict[str, dict[str, Any]] = {name: {"rounds": []} for name in subjects}
 
     def ask(name: str, do: str, **values: Any) -> dict[str, Any]:
@@ -67,11 +72,11 @@ def measure(
 
 
 def end(subjects: Sequence[Asked]) -> None:
-    """End all of them."""
+    """Ends all contestants."""
     for subject in subjects:
         subject.end()
 
 
 def say(line: str) -> None:
-    """Progress, for whoever waits."""
+    """Prints a line of progress to stderr."""
     print(line, file=sys.stderr, flush=True)

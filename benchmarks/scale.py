@@ -1,10 +1,11 @@
-"""Throughput and scale: whole studies, many samples, long runs, wide sweeps, start-up.
+"""Measures throughput and scale: whole studies, many samples, long runs, wide sweeps, start-up.
 
     python benchmarks/scale.py [PART ...] [--quick] [--docs]
 
-PART is one of table_1 samples long_run sweep start_up; all of them, about twelve minutes, without one. Writes
-outputs/bench/scale.json and .md, where parts that are not run keep what they had, and prints the tables; `--docs`
-writes docs/benchmarks.md too. `--quick` runs a little of each, to see that it works, and writes nothing.
+PART is one of table_1 samples long_run sweep start_up; without one all are measured, in about
+twelve minutes. Writes outputs/bench/scale.json and .md, where parts that are not run keep what they
+had, and prints the tables; `--docs` writes docs/benchmarks.md too. `--quick` runs a little of each,
+to see that it works, and writes nothing.
 """
 
 import argparse
@@ -37,7 +38,7 @@ OUTPUT = ROOT / "outputs" / "bench"
 
 
 def main(argv: list[str] | None = None) -> None:
-    """Measure, write, print; exits with 1 where a part failed."""
+    """Measures the chosen parts, writes and prints; exits with 1 if a part failed."""
     options = options_of(argv, PARTS, __doc__ or "")
     report: dict[str, Any] = {} if options.quick else _stored()
     for name in options.parts or PARTS:
@@ -52,7 +53,7 @@ def main(argv: list[str] | None = None) -> None:
 
 
 def options_of(argv: list[str] | None, known: Mapping[str, Any], about: str) -> argparse.Namespace:
-    """Which of the known parts are to run, and how."""
+    """Returns the parsed arguments: which of the known parts are to run, and how."""
     parser = argparse.ArgumentParser(description=about.partition("\n")[0])
     parser.add_argument(
         "parts", nargs="*", metavar="PART", help=f"of {' '.join(known)}; all without one"
@@ -70,24 +71,24 @@ def options_of(argv: list[str] | None, known: Mapping[str, Any], about: str) -> 
 
 
 def measured(part: Any, sizes: Sizes) -> dict[str, Any]:
-    """The numbers of one part, or why there are none, and where they come from."""
-    kept = ("started", "commit", "dirty", "processor", "platform", "versions")
-    source = {key: value for key, value in provenance(sys.argv).items() if key in kept}
-    found: dict[str, Any] = {"source": source | {"load": os.getloadavg()}}
+    """Returns the numbers of one part, or the reason why there are none, and their source."""
+    source_keys = ("started", "commit", "dirty", "processor", "platform", "versions")
+    source = {key: value for key, value in provenance(sys.argv).items() if key in source_keys}
+    part_report: dict[str, Any] = {"source": source | {"load": os.getloadavg()}}
     OUTPUT.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(
         dir=OUTPUT, prefix="scale-"
     ) as folder:  # the disk that results go to
         try:
-            found["numbers"] = part.measure(sizes, Path(folder))
+            part_report["numbers"] = part.measure(sizes, Path(folder))
         except (CommandError, SubjectError) as error:
-            found["error"] = str(error)
+            part_report["error"] = str(error)
             rounds.say(f"{error}")
-    return found
+    return part_report
 
 
 def markdown(report: dict[str, Any], known: Mapping[str, Any] | None = None) -> str:
-    """The tables of all parts that are there, what failed, when and where they were measured."""
+    """Returns the tables of all parts, what failed, and when and where they were measured."""
     known = PARTS if known is None else known
     shown = [name for name in known if name in report]
     parts = [
@@ -102,6 +103,7 @@ def markdown(report: dict[str, Any], known: Mapping[str, Any] | None = None) -> 
 
 
 def _source(name: str, source: dict[str, Any]) -> str:
+    """Returns a line that says when and where a part was measured."""
     load = ", ".join(f"{value:.2f}" for value in source["load"])
     commit = f"{(source['commit'] or 'unknown')[:12]}{' (changed)' if source['dirty'] else ''}"
     machine = f"{source['processor']}, {source['platform']}, jax {source['versions']['jax']}"
@@ -111,6 +113,7 @@ def _source(name: str, source: dict[str, Any]) -> str:
 
 
 def _stored() -> dict[str, Any]:
+    """Returns the report that an earlier call wrote; an empty one without it."""
     try:
         stored: dict[str, Any] = json.loads((OUTPUT / "scale.json").read_text())
     except (OSError, ValueError):
@@ -119,6 +122,7 @@ def _stored() -> dict[str, Any]:
 
 
 def _write(report: dict[str, Any]) -> None:
+    """Writes the report as JSON and as Markdown."""
     (OUTPUT / "scale.json").write_text(json.dumps(report, indent=1))
     (OUTPUT / "scale.md").write_text(markdown(report) + "\n")
 

@@ -1,14 +1,16 @@
-"""A contestant in a process of its own: JSON lines in, JSON lines out.
+"""Runs a contestant in a process of its own: JSON lines in, JSON lines out.
 
     python benchmarks/subject.py MODULE NAME CPU
 
-    {"do": "prepare", "workload": {...}, "dtype": "float32"}  ->  {"versions": {...}, "settings": "..."}
-    {"do": "time", "calls": 40}                               ->  {"seconds": [...]}
-    {"do": "closed_loop"}                                     ->  {"nearest": m, "final_distance": m, "clearance": m}
-    {"do": "quit"}                                            ->  {}
+    {"do": "prepare", "workload": {...}, "dtype": "float32"}
+                                 ->  {"versions": {...}, "settings": "..."}
+    {"do": "time", "calls": 40}  ->  {"seconds": [...]}
+    {"do": "closed_loop"}        ->  {"nearest": m, "final_distance": m, "clearance": m}
+    {"do": "quit"}               ->  {}
 
-Every reply that failed is {"error": "what happened"}. MODULE is one of `subjects`, whose `make(name, workload, dtype)`
-gives an object like `plant.Planner`. Standard library only.
+A request that failed is answered by {"error": "what happened"}. MODULE is one of `subjects`; its
+`make(name, workload, dtype)` returns an object like `plant.Planner`. Only the standard library is
+used.
 """
 
 import importlib
@@ -21,31 +23,31 @@ from typing import Any, TextIO
 
 
 def answer(
-    make: Callable[..., Any], name: str, request: dict[str, Any], made: dict[str, Any]
+    make: Callable[..., Any], name: str, request: dict[str, Any], planners: dict[str, Any]
 ) -> dict[str, Any]:
-    """The reply to one request; `made` keeps the planner between requests."""
+    """Returns the reply to one request; `planners` keeps the planner between requests."""
     match request["do"]:
         case "prepare":
-            planner = made["planner"] = make(name, request["workload"], request["dtype"])
+            planner = planners["planner"] = make(name, request["workload"], request["dtype"])
             return {"versions": planner.versions, "settings": planner.settings}
         case "time":
-            return {"seconds": made["planner"].time(request["calls"])}
+            return {"seconds": planners["planner"].time(request["calls"])}
         case "closed_loop":
-            return made["planner"].closed_loop()
-        case other:
-            raise ValueError(f"unknown request {other!r}")
+            return planners["planner"].closed_loop()
+        case unknown:
+            raise ValueError(f"unknown request {unknown!r}")
 
 
 def serve(make: Callable[..., Any], name: str, requests: TextIO, replies: TextIO) -> None:
-    """Answer until told to quit or nobody asks any more."""
-    made: dict[str, Any] = {}
+    """Answers requests until one says quit or there are no more."""
+    planners: dict[str, Any] = {}
     for line in requests:
         request = json.loads(line)
         if request["do"] == "quit":
             reply: dict[str, Any] = {}
         else:
             try:
-                reply = answer(make, name, request, made)
+                reply = answer(make, name, request, planners)
             except Exception as error:
                 traceback.print_exc()
                 reply = {"error": f"{type(error).__name__}: {error}"}
@@ -56,7 +58,10 @@ def serve(make: Callable[..., Any], name: str, requests: TextIO, replies: TextIO
 
 
 def main() -> None:
-    """Pin, import, serve; what a library prints goes to stderr, so that replies stay alone on stdout."""
+    """Pins the process to its CPU, imports the module and serves.
+
+    What a library prints goes to stderr, so that stdout holds replies only.
+    """
     module, name, cpu = sys.argv[1:]
     if hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, {int(cpu)})

@@ -1,4 +1,4 @@
-"""From seconds to the Markdown table."""
+"""Turns seconds into the Markdown table of docs/benchmarks.md."""
 
 from statistics import median, quantiles
 from typing import Any
@@ -10,14 +10,17 @@ DTYPES = ("float32", "float64")
 
 
 def summary(result: dict[str, Any]) -> dict[str, Any]:
-    """Median, 95 % quantile (ms), number of calls, of the rounds of one contestant; its rounds left out."""
+    """Returns median and 95 % quantile in ms and the number of calls of one contestant.
+
+    The seconds of its rounds are left out.
+    """
     seconds = [s for calls in result["rounds"] for s in calls]
-    kept = {key: value for key, value in result.items() if key != "rounds"}
+    values = {key: value for key, value in result.items() if key != "rounds"}
     if "error" in result or len(seconds) < 2:
-        return kept
+        return values
     p95 = quantiles(seconds, n=20, method="inclusive")[-1]
     medians = [1e3 * median(calls) for calls in result["rounds"]]
-    return kept | {
+    return values | {
         "median_ms": 1e3 * median(seconds),
         "p95_ms": 1e3 * p95,
         "calls": len(seconds),
@@ -26,13 +29,13 @@ def summary(result: dict[str, Any]) -> dict[str, Any]:
 
 
 def ratio(rows: dict[str, dict[str, Any]], name: str, to: str | None) -> float | None:
-    """Median of one by the median of the other; None where one is missing."""
-    a, b = (rows.get(one, {}).get("median_ms") for one in (name, to))
+    """Returns the median of one row divided by that of another; None where one is missing."""
+    a, b = (rows.get(contestant, {}).get("median_ms") for contestant in (name, to))
     return None if a is None or b is None else a / b
 
 
 def markdown(report: dict[str, Any]) -> str:
-    """The tables, one for each precision, and under them what could not be measured."""
+    """Returns the tables, one per precision, and below them what could not be measured."""
     parts = []
     for dtype in DTYPES:
         rows = report["rows"].get(dtype, {})
@@ -50,25 +53,33 @@ def markdown(report: dict[str, Any]) -> str:
 
 
 def _table(rows: dict[str, dict[str, Any]]) -> str:
+    """Returns the table of one precision."""
     lines = [
-        "| | median ms | p95 ms | ratio to ours | multiple of its floor | nearest to goal m | reached |",
+        "| | median ms | p95 ms | ratio to ours | multiple of its floor | nearest to goal m "
+        "| reached |",
         "|---|---|---|---|---|---|---|",
     ]
     for kind, title in KINDS.items():
-        own = [one for one in CONTESTANTS if one.kind == kind and one.name in rows]
+        own = [
+            contestant
+            for contestant in CONTESTANTS
+            if contestant.kind == kind and contestant.name in rows
+        ]
         lines += [f"| **{title}** | | | | | | |"] if own else []
-        for one in sorted(
+        for contestant in sorted(
             own,
-            key=lambda one: rows[one.name].get("median_ms", float("inf")) if kind == "peers" else 0,
+            key=lambda contestant: (
+                rows[contestant.name].get("median_ms", float("inf")) if kind == "peers" else 0
+            ),
         ):
-            row = rows[one.name]
+            row = rows[contestant.name]
             near = row.get("nearest")
             cells = [
-                one.label,
+                contestant.label,
                 _number(row.get("median_ms"), ".3f") if "error" not in row else "failed",
                 _number(row.get("p95_ms"), ".3f"),
-                _number(ratio(rows, one.name, one.beside), ".2f"),
-                _number(ratio(rows, one.name, one.floor), ".2f"),
+                _number(ratio(rows, contestant.name, contestant.beside), ".2f"),
+                _number(ratio(rows, contestant.name, contestant.floor), ".2f"),
                 _number(near, ".2f"),
                 "" if near is None else "yes" if near <= REACHED else "no",
             ]
@@ -77,14 +88,14 @@ def _table(rows: dict[str, dict[str, Any]]) -> str:
 
 
 def origin(report: dict[str, Any]) -> str:
-    """When it was measured, at which commit, on which machine."""
+    """Returns when a report was measured, at which commit and on which machine."""
     changed = " (changed)" if report["dirty"] else ""
     commit = f"{report['commit'] or 'unknown'}{changed}"
     return f"{report['started']}, commit {commit}; {report['processor']}, {report['platform']}"
 
 
 def _machine(report: dict[str, Any]) -> str:
-    """Where and when: date, commit, machine, load; how each was set up, with versions."""
+    """Returns when and where a report was measured, and how each contestant was set up."""
     setups: dict[str, list[str]] = {}
     for row_name, row in {
         name: row for rows in report["rows"].values() for name, row in rows.items()
@@ -100,14 +111,16 @@ def _machine(report: dict[str, Any]) -> str:
             f"{origin(report)}; load average before the first round {load}; "
             f"{report['rounds']} rounds of {report['calls']} calls, one thread on one CPU.",
             "",
-            *(f"- {', '.join(labels)}: {said}" for said, labels in setups.items()),
+            *(f"- {', '.join(labels)}: {setup}" for setup, labels in setups.items()),
         ]
     )
 
 
 def _label(name: str) -> str:
-    return next(one.label for one in CONTESTANTS if one.name == name)
+    """Returns the label of a contestant."""
+    return next(contestant.label for contestant in CONTESTANTS if contestant.name == name)
 
 
 def _number(value: float | None, form: str) -> str:
+    """Returns a number as text; an empty text for None."""
     return "" if value is None else format(value, form)

@@ -1,10 +1,11 @@
-"""What antithetic pairs buy: the error of one control step against the number of samples, with and without them.
+"""Measures what antithetic pairs gain: the error of a control step against the number of samples.
 
     python benchmarks/variance.py [--keys N] [--docs]
 
-Along one closed-loop trial the same belief and nominal are given to planners with other keys. The error is that of the
-first control against the limit of many samples, so it holds the bias of the weights, too; times are those of `make
-bench`'s own clock. Writes outputs/bench/variance.json and .md; `--docs` writes docs/benchmarks.md too.
+The same beliefs and nominals of one closed-loop trial are given to planners with other keys. The
+error is that of the first control against the limit of many samples, so it includes the bias of the
+weights. Times are measured as by `make bench`. Writes outputs/bench/variance.json and .md; `--docs`
+writes docs/benchmarks.md too.
 """
 
 import argparse
@@ -34,21 +35,21 @@ SEED = 0
 
 
 class Noted(NamedTuple):
-    """A planner's diagnostics, and what it was given."""
+    """Holds a planner's diagnostics and its arguments."""
 
-    ess: Array
-    given: "Moment"
+    ess: Array  # ()
+    arguments: "Moment"
 
 
 class Moment(NamedTuple):
-    """What the planner was given at some steps of a trial: beliefs and nominals (H, nu), stacked."""
+    """Holds the arguments of the planner at some steps of a trial, stacked."""
 
-    beliefs: Any
-    plans: Array
+    beliefs: Any  # the belief, every array with the steps first
+    plans: Array  # nominals (steps, H, nu)
 
 
 def main(argv: list[str] | None = None) -> None:
-    """Measure, write, print."""
+    """Measures both controllers, writes the rows and prints the table."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--keys", type=int, default=200)
     parser.add_argument("--docs", action="store_true", help="write docs/benchmarks.md too")
@@ -65,17 +66,22 @@ def main(argv: list[str] | None = None) -> None:
 
 
 def measure(name: str, n_keys: int) -> list[dict[str, Any]]:
-    """A row for each number of samples: root mean square error of u (m/s^2) and ms a step, plain and mirrored."""
+    """Returns a row per number of samples: RMS error of u (m/s^2) and ms per step.
+
+    Both are measured with plain samples and with mirrored ones.
+    """
     (config,) = collect([f"controller={name}"])
     parts = build(config)
-    given = moments(parts)
-    exact = controls(parts, given, LIMIT[0], False, LIMIT[1], SEED + 1).mean(axis=1, keepdims=True)
+    moment_stack = moments(parts)
+    exact = controls(parts, moment_stack, LIMIT[0], False, LIMIT[1], SEED + 1).mean(
+        axis=1, keepdims=True
+    )
     rows = []
     for n in SAMPLES:
         row: dict[str, Any] = {"controller": name, "n_samples": n}
         squares = {}
         for label, mirrored in (("plain", "false"), ("mirrored", "true")):
-            errors = controls(parts, given, n, mirrored == "true", n_keys, SEED) - exact
+            errors = controls(parts, moment_stack, n, mirrored == "true", n_keys, SEED) - exact
             squares[label] = np.mean(np.sum(errors**2, axis=-1), axis=0)
             overrides = [
                 f"controller={name}",
@@ -93,14 +99,17 @@ def measure(name: str, n_keys: int) -> list[dict[str, Any]]:
 
 
 def ratio(a: np.ndarray, b: np.ndarray) -> list[float]:
-    """mean(a) / mean(b) with its 95 % bootstrap interval, drawn over the keys (n,) that both share."""
+    """Returns mean(a) / mean(b) and its 95 % bootstrap interval.
+
+    The bootstrap draws from the keys (n,) that both share.
+    """
     picks = np.random.default_rng(SEED).integers(len(a), size=(2000, len(a)))
     low, high = np.quantile(a[picks].mean(axis=1) / b[picks].mean(axis=1), [0.025, 0.975])
     return [float(a.mean() / b.mean()), float(low), float(high)]
 
 
 def moments(parts: Experiment) -> Moment:
-    """Trial 0 of the planner as configured: what it was given at `STEPS`."""
+    """Returns the arguments of the planner as configured at `STEPS` of trial 0."""
     problem, filter, controller = parts
 
     def act(problem: Any, belief: Any, plan: Array, key: Array) -> Any:
@@ -110,31 +119,31 @@ def moments(parts: Experiment) -> Moment:
     planner = type(
         "Planner", (), {"init": staticmethod(controller.init), "act": staticmethod(act)}
     )()
-    given = jax.jit(
-        lambda: closed_loop(problem, filter, planner, SEED, 0, lambda info: info.given)[1]
+    moment_stack = jax.jit(
+        lambda: closed_loop(problem, filter, planner, SEED, 0, lambda info: info.arguments)[1]
     )()
-    return jax.tree.map(lambda a: a[np.array(STEPS)], given)
+    return jax.tree.map(lambda a: a[np.array(STEPS)], moment_stack)
 
 
 def controls(
-    parts: Experiment, given: Moment, n: int, mirrored: bool, n_keys: int, seed: int
+    parts: Experiment, moment_stack: Moment, n: int, mirrored: bool, n_keys: int, seed: int
 ) -> np.ndarray:
-    """First controls (steps, keys, nu)."""
+    """Returns the first controls (steps, keys, nu)."""
     planner: MPPIBelief = replace(parts.controller, n_samples=n, antithetic=mirrored)
     keys = jax.random.split(jax.random.key(seed), n_keys)
 
     @jax.jit
-    def first(at: Moment) -> Array:
+    def first(moment: Moment) -> Array:
         return jax.lax.map(
-            lambda key: planner.act(parts.problem, at.beliefs, at.plans, key)[0], keys
+            lambda key: planner.act(parts.problem, moment.beliefs, moment.plans, key)[0], keys
         )
 
-    steps = [jax.tree.map(lambda a, k=k: a[k], given) for k in range(len(STEPS))]
-    return np.stack([np.asarray(first(at), dtype=float) for at in steps])
+    steps = [jax.tree.map(lambda a, k=k: a[k], moment_stack) for k in range(len(STEPS))]
+    return np.stack([np.asarray(first(moment), dtype=float) for moment in steps])
 
 
 def markdown(rows: list[dict[str, Any]], n_keys: int) -> str:
-    """The table."""
+    """Returns the table."""
     lines = [
         "| | N | error m/s² | with pairs | ratio of squares [95 %] | ms | with pairs |",
         "|---|---|---|---|---|---|---|",
@@ -145,8 +154,9 @@ def markdown(rows: list[dict[str, Any]], n_keys: int) -> str:
         mirrored = row["mirrored"]
         middle, low, high = row["ratio"]
         lines.append(
-            f"| {names[row['controller']]} | {row['n_samples']} | {plain['rmse']:.3f} | {mirrored['rmse']:.3f} "
-            f"| {middle:.2f} [{low:.2f}, {high:.2f}] | {plain['ms']:.3f} | {mirrored['ms']:.3f} |"
+            f"| {names[row['controller']]} | {row['n_samples']} | {plain['rmse']:.3f} "
+            f"| {mirrored['rmse']:.3f} | {middle:.2f} [{low:.2f}, {high:.2f}] "
+            f"| {plain['ms']:.3f} | {mirrored['ms']:.3f} |"
         )
     return "\n".join([*lines, "", f"{n_keys} keys at each of {len(STEPS)} steps of one trial."])
 

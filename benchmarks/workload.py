@@ -1,4 +1,4 @@
-"""The work of Sec. VII in plain numbers, from this package's configuration, for libraries that know nothing of it."""
+"""Describes the work of Sec. VII in plain numbers, for libraries that do not know this package."""
 
 from typing import Any
 
@@ -6,7 +6,7 @@ from mppi_belief.config.compose import collect
 
 
 def workload(overrides: list[str] | None = None) -> dict[str, Any]:
-    """Dynamics, costs and sampling of `controller=ce` as JSON: SI units, weights diagonal."""
+    """Returns dynamics, costs and sampling of `controller=ce`: SI units, diagonal weights."""
     (config,) = collect(["controller=ce", *(overrides or [])])
     cost = config["cost"]
     problem = config["problem"]

@@ -12,21 +12,21 @@ FOLDER = Path("docs/img")
 
 
 def main() -> None:
-    """Read the Table I results of both planners, write trajectories.png and animation.gif."""
-    runs, founds = [], []
+    """Reads the Table I results of both planners; writes trajectories.png and animation.gif."""
+    runs = []
+    cells = []
     for config in collect(["experiment=table_1", "controller=belief,ce"]):
-        found = read_cell_results(Cell(config), Path(config["results_dir"]), config["n_trials"])
-        run = as_run(found)
+        results = read_cell_results(Cell(config), Path(config["results_dir"]), config["n_trials"])
+        run = as_run(results)
         if run is None:
             raise SystemExit("no results: mppi-belief run experiment=table_1 controller=belief,ce")
-        rate = 100 * found.collided.mean()
-        runs.append(
-            run._replace(title=f"{found.name}: {rate:.1f} % of {len(found.good)} trials collide")
-        )
-        founds.append(found)
+        rate = 100 * results.collided.mean()
+        title = f"{results.name}: {rate:.1f} % of {len(results.good)} trials collide"
+        runs.append(run._replace(title=title))
+        cells.append(results)
     FOLDER.mkdir(parents=True, exist_ok=True)
     figures.save_png(figures.compare_paths(runs), FOLDER / "trajectories.png")
-    figures.write_animation(founds, FOLDER / "animation.gif")
+    figures.write_animation(cells, FOLDER / "animation.gif")
 
 
 if __name__ == "__main__":

@@ -57,8 +57,8 @@ class Watched:
 
 
 SAMPLED = {"n_samples": N, "horizon": HORIZON}
-EKF = lambda: mb.EKF()
-PARTICLE = lambda: mb.ParticleFilter(PARTICLES, noise_at="mean")
+EKF = mb.EKF
+PARTICLE = partial(mb.ParticleFilter, PARTICLES, noise_at="mean")
 EACH = partial(mb.ParticleFilter, PARTICLES)
 TOTAL = {"risk": "total", "charge": "start"}
 PRINTED = {"diffusion": "innovation", "schedule": "riccati", **TOTAL}

@@ -204,11 +204,11 @@ def schedule(
             diffusions.append(covs[-1] @ model.C.T @ np.linalg.inv(R_o) @ model.C @ covs[-1])
             covs.append(riccati_flow(covs[-1], model.A, model.Q, model.C, R_o, dt))
         else:
-            ahead = F @ covs[-1] @ F.T + model.Q * dt
-            S = model.C @ ahead @ model.C.T + model.intensity(F @ means[-1]) / dt
-            K = ahead @ model.C.T @ np.linalg.inv(S)
+            predicted = F @ covs[-1] @ F.T + model.Q * dt
+            S = model.C @ predicted @ model.C.T + model.intensity(F @ means[-1]) / dt
+            K = predicted @ model.C.T @ np.linalg.inv(S)
             diffusions.append(K @ S @ K.T / dt)
-            covs.append(ahead - K @ S @ K.T)
+            covs.append(predicted - K @ S @ K.T)
         means.append(F @ means[-1])
     return means, covs, diffusions
 

@@ -124,16 +124,18 @@ def test_a_subject_answers_line_by_line_and_survives_its_errors(workload):
         {"do": "quit"},
         {"do": "closed_loop"},  # never read
     ]
-    said = io.StringIO()
-    subject.serve(make, "chaser", io.StringIO("\n".join(map(json.dumps, requests))), said)
-    unready, prepared, timed, judged, unknown, left = map(json.loads, said.getvalue().splitlines())
+    replies = io.StringIO()
+    subject.serve(make, "chaser", io.StringIO("\n".join(map(json.dumps, requests))), replies)
+    unready, prepared, timed, judged, unknown, after_quit = map(
+        json.loads, replies.getvalue().splitlines()
+    )
     assert "KeyError" in unready["error"]
     assert prepared == {"versions": {}, "settings": "by hand"}
     assert len(timed["seconds"]) == 3
     assert min(timed["seconds"]) > 0
     assert judged["nearest"] <= judged["final_distance"] < 0.1
     assert "dance" in unknown["error"]
-    assert left == {}
+    assert after_quit == {}
 
 
 def test_timing_drives_trial_after_trial(workload):
@@ -148,9 +150,9 @@ def test_timing_drives_trial_after_trial(workload):
 def test_turns_are_interleaved_and_one_that_fails_is_out(workload):
     subjects = {"a": Process(make), "b": Process(make, fails_at="closed_loop"), "c": Process(make)}
     turns = []
-    for name, one in subjects.items():
-        ask = one.ask
-        one.ask = lambda do, name=name, ask=ask, **values: (
+    for name, contestant in subjects.items():
+        ask = contestant.ask
+        contestant.ask = lambda do, name=name, ask=ask, **values: (
             turns.append((name, do)) or ask(do, **values)
         )
     results = rounds.measure(subjects, workload, "float64", rounds=2, calls=3)
@@ -160,7 +162,7 @@ def test_turns_are_interleaved_and_one_that_fails_is_out(workload):
     assert "time" not in subjects["b"].asked
     assert [len(seconds) for seconds in results["a"]["rounds"]] == [3, 3]
     assert turns[-4:] == [("a", "time"), ("c", "time"), ("a", "time"), ("c", "time")]
-    assert all(one.ended for one in subjects.values())
+    assert all(contestant.ended for contestant in subjects.values())
 
 
 def test_a_process_that_dies_is_reported(tmp_path):
@@ -251,9 +253,13 @@ def test_ratios_against_a_commit_come_with_their_interval():
 
 
 def test_contestants_are_chosen_by_name_kind_or_environment():
-    assert [one.name for one in contestants.choose(["ilqg", "torch"])] == [
+    assert [contestant.name for contestant in contestants.choose(["ilqg", "torch"])] == [
         "ilqg",
-        *(one.name for one in contestants.CONTESTANTS if one.environment == "torch"),
+        *(
+            contestant.name
+            for contestant in contestants.CONTESTANTS
+            if contestant.environment == "torch"
+        ),
     ]
     assert contestants.choose([]) == list(contestants.CONTESTANTS)
     with pytest.raises(SystemExit, match="nonsense"):
@@ -264,17 +270,17 @@ def test_every_contestant_has_an_adapter_an_environment_and_a_floor():
     extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"][
         "optional-dependencies"
     ]
-    names = {one.name for one in contestants.CONTESTANTS}
-    for one in contestants.CONTESTANTS:
-        assert (FOLDER / "subjects" / f"{one.module}.py").is_file()
-        assert one.floor is None or one.floor in names
-        if one.environment:
-            assert environments.requirements(one.environment)
-            assert (FOLDER / "constraints" / f"{one.environment}.txt").is_file()
+    names = {contestant.name for contestant in contestants.CONTESTANTS}
+    for contestant in contestants.CONTESTANTS:
+        assert (FOLDER / "subjects" / f"{contestant.module}.py").is_file()
+        assert contestant.floor is None or contestant.floor in names
+        if contestant.environment:
+            assert environments.requirements(contestant.environment)
+            assert (FOLDER / "constraints" / f"{contestant.environment}.txt").is_file()
     used = {
-        f"bench-{(one.environment or '').replace('_', '-')}"
-        for one in contestants.CONTESTANTS
-        if one.environment
+        f"bench-{(contestant.environment or '').replace('_', '-')}"
+        for contestant in contestants.CONTESTANTS
+        if contestant.environment
     }
     assert used == {name for name in extras if name.startswith("bench-")}
 
@@ -283,11 +289,11 @@ def test_what_cannot_be_installed_is_said_in_one_line(monkeypatch):
     monkeypatch.setattr(environments, "PYTHONS", {"faran": ("2.0",)})
     monkeypatch.setattr(environments, "VENVS", ROOT / ".venv-bench-none")
     faran = contestants.choose(["faran_jax"])
-    pythons, reasons = control_step._interpreters(faran)
+    pythons, reasons = control_step.interpreters(faran)
     assert pythons == {None: Path(sys.executable)}
     assert reasons == {"faran": "needs Python 2.0, which was not found"}
     report = {"workload": {}, "rounds": 1, "calls": 1}
-    assert control_step._measure(faran, pythons, reasons, report, "float32") == {
+    assert control_step.measure_precision(faran, pythons, reasons, report, "float32") == {
         "faran_jax": {"error": reasons["faran"]}
     }
 

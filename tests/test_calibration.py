@@ -46,7 +46,7 @@ def test_every_open_number_reaches_the_configuration(scenario):
 
 def test_the_open_numbers_are_those_that_the_report_lists(scenario):
     (base,) = collect("controller=belief")
-    first, other = (
+    first, second = (
         scenario.configure(
             base, {name: value * factor for name, value in scenario.REFERENCE.items()}
         )
@@ -56,7 +56,7 @@ def test_the_open_numbers_are_those_that_the_report_lists(scenario):
         f"{group}.{key}"
         for group in ("problem", "cost", "controller")
         for key in first[group]
-        if first[group][key] != other[group][key]
+        if first[group][key] != second[group][key]
     }
     assert changed == set(published.OPEN)
 
@@ -67,14 +67,16 @@ def test_the_log_is_whole_and_within_the_ranges(scenario):
     assert len(rows) > 100
     finished = [row for row in rows if row["state"] == "complete"]
     for row in finished:
-        found = {
+        measured = {
             method: scenario.Measured(
                 *(float(row[f"{method}_{name}"]) for name in scenario.Measured._fields)
             )
             for method in scenario.METHODS
         }
         loss = sum(
-            z * z for method, values in found.items() for z in scenario.deviations(method, values)
+            z * z
+            for method, values in measured.items()
+            for z in scenario.deviations(method, values)
         )
         np.testing.assert_allclose(float(row["loss"]), loss, rtol=0.02, atol=0.1)
         for name, (low, high, _) in scenario.OPEN.items():

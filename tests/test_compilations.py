@@ -26,15 +26,15 @@ def quick() -> Iterator[None]:
 @contextmanager
 def noted(event: str) -> Iterator[list[str]]:
     """The functions that JAX traces or compiles meanwhile; one found in a compilation cache counts, too."""
-    found: list[str] = []
+    names: list[str] = []
 
     def listen(name: str, seconds: float, **about: Any) -> None:
         if name.rpartition("/")[2] == event:
-            found.append(about.get("fun_name", "?"))
+            names.append(about.get("fun_name", "?"))
 
     jax.monitoring.register_event_duration_secs_listener(listen)
     try:
-        yield found
+        yield names
     finally:
         jax.monitoring.unregister_event_duration_listener(listen)
 
@@ -57,11 +57,11 @@ def row_of(config: dict[str, Any]) -> dict[str, Any]:
 
 def another(config: dict[str, Any]) -> dict[str, Any]:
     """A cell that has no number in common with this one but its sizes."""
-    other = (
+    changed = (
         config | {group: moved(config[group]) for group in GROUPS} | {"seed": config["seed"] + 1}
     )
-    assert other["system"]["obstacles"]["centers"] != config["system"]["obstacles"]["centers"]
-    return other
+    assert changed["system"]["obstacles"]["centers"] != config["system"]["obstacles"]["centers"]
+    return changed
 
 
 def test_each_compilation_is_noted_once():
@@ -81,12 +81,12 @@ def test_no_number_of_a_cell_compiles_anything_anew():
     check(config)
     first = row_of(config)
     time_steps(config, 2)
-    other = another(config)
+    changed = another(config)
     with noted(COMPILED) as compiled:
-        check(other)
+        check(changed)
         with noted(TRACED) as traced:
-            assert row_of(other)["ess"] != first["ess"]
-            time_steps(other, 2)
+            assert row_of(changed)["ess"] != first["ess"]
+            time_steps(changed, 2)
     assert (compiled, traced) == ([], [])
 
 
@@ -102,9 +102,9 @@ def test_no_word_of_a_sweep_over_numbers_compiles_anything_anew():
         ("system.obstacles.centers=[[2,0],[4,1]]", "system.light=4"),
     ]
     with noted(COMPILED) as compiled, noted(TRACED) as traced:
-        found = {row_of(compose(*PLANNER, *change))["ess"] for change in changes}
+        sample_sizes = {row_of(compose(*PLANNER, *change))["ess"] for change in changes}
     assert (compiled, traced) == ([], [])
-    assert len(found) == len(changes)
+    assert len(sample_sizes) == len(changes)
 
 
 @pytest.mark.parametrize(

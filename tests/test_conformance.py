@@ -37,10 +37,10 @@ def quick() -> Iterator[None]:
 
 def needs(group: str, option: str) -> dict[str, str]:
     """Other options that this one's yaml asks for."""
-    found = re.search(
+    match = re.search(
         r"^# needs: (.+)$", (CONF / group / f"{option}.yaml").read_text(), re.MULTILINE
     )
-    return dict(pair.split("=") for pair in found[1].split()) if found else {}
+    return dict(pair.split("=") for pair in match[1].split()) if match else {}
 
 
 def pairs(group: str) -> list[tuple[str, str]]:
@@ -162,9 +162,9 @@ def test_moments_of_a_cost_tend_to_the_cost_where_all_is_known(system):
     if not isinstance(cost, ClosedFormCost):
         return
     with float64():
-        at = jax.jit(lambda x: cost.running_moments(x, jnp.zeros((len(x), len(x)))))
+        certain_moments = jax.jit(lambda x: cost.running_moments(x, jnp.zeros((len(x), len(x)))))
         for x in map(jnp.asarray, states(experiment)):
-            moments = at(x)
+            moments = certain_moments(x)
             np.testing.assert_allclose(moments.base, cost.base(x), rtol=1e-9)
             np.testing.assert_allclose(moments.penalty, cost.penalty(x), rtol=1e-9, atol=1e-12)
             np.testing.assert_allclose(moments[2:], 0, atol=1e-9)
@@ -208,13 +208,13 @@ class TestPairs:
             assert np.linalg.eigvalsh(cov).min() >= -1e-6 * np.trace(cov)
         self.judge_sample_size([row["ess"] for row in batch.rows], parts)
 
-    def judge_sample_size(self, found: list[float], parts: Experiment) -> None:
+    def judge_sample_size(self, sample_sizes: list[float], parts: Experiment) -> None:
         """Between one and the number of paths; a controller that does not sample has none."""
         if hasattr(parts.controller, "n_samples"):
             paths = parts.controller.n_samples * getattr(parts.filter, "n_particles", 1)
-            assert all(1 - 1e-5 <= ess <= paths * (1 + 1e-5) for ess in found)
+            assert all(1 - 1e-5 <= ess <= paths * (1 + 1e-5) for ess in sample_sizes)
         else:
-            assert np.all(np.isnan(found))
+            assert np.all(np.isnan(sample_sizes))
 
 
 @pytest.mark.parametrize("sweep", OPTIONS["sweep"])

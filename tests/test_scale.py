@@ -41,12 +41,12 @@ def stored(numbers):
     return json.loads(json.dumps(numbers))
 
 
-def write_part(folder, trials, at=None):
+def write_part(folder, trials, modified=None):
     """A part file of the runner's own."""
     results.write_rows(folder, [study_helpers.row(trial) for trial in trials], {"config": {}})
-    if at is not None:
+    if modified is not None:
         (newest,) = folder.glob(f"part-{trials[0]:06d}-*.parquet")
-        os.utime(newest, (at, at))
+        os.utime(newest, (modified, modified))
 
 
 class Planner:
@@ -92,8 +92,8 @@ def test_table_1_runs_cold_then_warm_in_turns_each_into_a_folder_of_its_own(monk
         (folder / "results").mkdir(parents=True)
         look(0)
         took = 60.0 / ran[-1][1]
-        write_part(folder / "results" / "ce", [0, 1], look.at + 5)
-        write_part(folder / "results" / "belief", [0, 1], look.at + took)
+        write_part(folder / "results" / "ce", [0, 1], look.seen_at + 5)
+        write_part(folder / "results" / "belief", [0, 1], look.seen_at + took)
         return Ended(0.0, took + 20 * (ran[-1][2] == "cache-2" or "cold" in ran[-1][0]) + 10)
 
     monkeypatch.setattr(table_1, "watched", watched)
@@ -152,7 +152,7 @@ def test_cost_of_a_sample_step_and_one_that_fails(monkeypatch, tmp_path):
     monkeypatch.setattr(rounds, "start", start)
     numbers = stored(samples.measure(QUICK._replace(sample_rounds=3), tmp_path))
     assert list(started) == ["ce-500", "ce-2000", "belief-500", "belief-2000"]
-    assert all(one.ended for one in started.values())
+    assert all(subject.ended for subject in started.values())
     assert started["ce-500"].asked.count("time") == 1 + 1 + 3
     rows = numbers["ce"]["rows"]
     np.testing.assert_allclose([row["ns"] for row in rows], 2)
@@ -162,38 +162,41 @@ def test_cost_of_a_sample_step_and_one_that_fails(monkeypatch, tmp_path):
     assert rows[0]["peak_mb"] > 10
     assert numbers["belief"]["rows"][1] == {"n": 2000, "error": "out of memory"}
     text = samples.markdown(numbers)
-    assert "by the cheapest: 1.00 (CE-MPPI), 1.00 (MPPI-Belief)" in text
-    assert "whatever its samples: 0.00 (CE-MPPI), 0.00 (MPPI-Belief)" in text
+    assert "to the cheapest: 1.00 (CE-MPPI), 1.00 (MPPI-Belief)" in text
+    assert "on the samples, in ms: 0.00 (CE-MPPI), 0.00 (MPPI-Belief)" in text
     assert f"| 2 000 | 0.120 | 2.0 | {rows[1]['peak_mb']:.0f} | out of memory |" in text
     assert samples.spread([2.0, 1.0, 1.5]) == 2
     assert samples.fixed_ms([{"n": 10, "median_ms": 7.0}, {"n": 100, "median_ms": 20.0}]) == 5
-    nothing = {"rows": [], "spread": samples.spread([]), "fixed_ms": samples.fixed_ms([])}
+    no_numbers = {"rows": [], "spread": samples.spread([]), "fixed_ms": samples.fixed_ms([])}
     assert "unknown (CE-MPPI)" in samples.markdown(
-        {"horizon": 30, "ce": nothing, "belief": nothing}
+        {"horizon": 30, "ce": no_numbers, "belief": no_numbers}
     )
 
 
 def test_a_process_that_had_to_compile_is_started_again(monkeypatch, tmp_path):
     started = []
-    kept = iter(range(100))
+    program_counts = iter(range(100))
     monkeypatch.setattr(samples, "workload", lambda: {"steps": 60, "horizon": 30})
     monkeypatch.setattr(
         rounds, "start", lambda *args: started.append(Planner(args[2])) or started[-1]
     )
-    monkeypatch.setattr(samples, "programs", lambda cache: next(kept))
+    monkeypatch.setattr(samples, "programs", lambda cache: next(program_counts))
     samples.measure(QUICK, tmp_path)
-    assert [one.name for one in started[4:]] == [one.name for one in started[:4]]
-    assert all(one.ended for one in started)
-    assert all(one.asked == ["prepare", "time"] for one in started[:4])
+    assert [subject.name for subject in started[4:]] == [subject.name for subject in started[:4]]
+    assert all(subject.ended for subject in started)
+    assert all(subject.asked == ["prepare", "time"] for subject in started[:4])
 
 
 def test_the_subject_has_its_number_of_samples():
     with restored():
         from subjects import scaled
 
-        made = scaled.make("belief-123", {}, "float64")
-    assert made.config["controller"]["n_samples"] == 123
-    assert (made.config["names"]["controller"], made.config["precision"]) == ("belief", "float64")
+        controller = scaled.make("belief-123", {}, "float64")
+    assert controller.config["controller"]["n_samples"] == 123
+    assert (controller.config["names"]["controller"], controller.config["precision"]) == (
+        "belief",
+        "float64",
+    )
 
 
 def test_growth_counts_from_the_first_trials_to_the_last(tmp_path):
@@ -213,14 +216,14 @@ def test_growth_counts_from_the_first_trials_to_the_last(tmp_path):
         look(7, 300, 113, 320),
         look(9, 300, 190, None),
     ]
-    found = stored(long_run.judged(looks, QUICK))
-    assert found["memory"] == {
+    numbers = stored(long_run.judged(looks, QUICK))
+    assert numbers["memory"] == {
         "parent": {"first_mb": 110, "last_mb": 114, "growth_mb": 5},
         "worker 1": {"first_mb": 310, "last_mb": 340, "growth_mb": 40},
     }
-    assert (found["parts"], found["parent_peak_mb"]) == (6, 190)
-    assert (found["first_part_s"], found["last_part_s"], found["longest_wait_s"]) == (1, 7, 3)
-    text = long_run.markdown({"trials": 300, "settled": 100, "seconds": 9.0, **found})
+    assert (numbers["parts"], numbers["parent_peak_mb"]) == (6, 190)
+    assert (numbers["first_part_s"], numbers["last_part_s"], numbers["longest_wait_s"]) == (1, 7, 3)
+    text = long_run.markdown({"trials": 300, "settled": 100, "seconds": 9.0, **numbers})
     assert "6 part files from second 1.0 to 7.0, at most 3.0 s apart" in text
     assert "| worker 1 | 310 | 340 | 40.0 |" in text
     assert long_run.judged(looks[:2], QUICK)["memory"] == {}
@@ -254,7 +257,7 @@ def test_a_sweeps_phases_by_the_times_of_its_files_and_its_programs(monkeypatch,
         return Ended(1000.0, 3 + 3 * len(cells) + 0.5 * len(cells))
 
     monkeypatch.setattr(sweep, "run", run)
-    for programs, said in (
+    for programs, sentence in (
         (3, "for 2 cells, 3, are all that the others need"),
         (5, "not all: 6 cells needed 5"),
     ):
@@ -263,7 +266,7 @@ def test_a_sweeps_phases_by_the_times_of_its_files_and_its_programs(monkeypatch,
             list(numbers["ms_per_cell"].values()), [0, 1000, 2000, 500, 3500]
         )
         text = sweep.markdown(numbers)
-        assert said in text
+        assert sentence in text
         assert "| the Time column | 2000 |" in text
 
 

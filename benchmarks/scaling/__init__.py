@@ -1,1 +1,1 @@
-"""The parts of `make bench-scale`, each a module whose `measure` gives numbers as JSON and `markdown` shows them."""
+"""Parts of `make bench-scale`: `measure` returns numbers as JSON, `markdown` their table."""

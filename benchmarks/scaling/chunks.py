@@ -1,8 +1,8 @@
-"""What it costs to hand chunks of trials to workers, beside what the trials cost: empty chunks, taken in turns.
+"""Measures what it costs to hand chunks of trials to workers: empty chunks, executors in turns.
 
-A worker returns the rows of ten trials at once. Wall time is of two workers on this machine; processor time is that
-of this process, which holds the engine and Dask's scheduler, and bounds how many chunks a second can be handed out
-however many workers there are.
+A worker returns the rows of ten trials at once. Wall time is that of two workers on this machine.
+Processor time is that of this process, which holds the engine and Dask's scheduler; it bounds how
+many chunks per second can be handed out, however many workers there are.
 """
 
 import statistics
@@ -27,7 +27,7 @@ KINDS = {"local": {"kind": "local"}, "dask": {"kind": "dask", "address": None, "
 
 
 def row(trial: int) -> dict[str, Any]:
-    """A row as wide as a real one."""
+    """Returns a row as wide as a real one."""
     numbers = dict.fromkeys(
         ("theta", "w_obs", "cost", "running_cost", "terminal_cost", "clearance", "ess"), 0.1 * trial
     )
@@ -42,35 +42,38 @@ def row(trial: int) -> dict[str, Any]:
     }
 
 
-def nothing(config: dict[str, Any], trials: Sequence[int]) -> list[dict[str, Any]]:
-    """A trial that takes no time."""
+def empty_trials(config: dict[str, Any], trials: Sequence[int]) -> list[dict[str, Any]]:
+    """Returns the rows of trials that take no time."""
     return [row(trial) for trial in trials]
 
 
 def measure(sizes: Sizes, folder: Path) -> dict[str, Any]:
-    """Milliseconds of wall and processor time for each chunk, by executor: medians of interleaved rounds."""
+    """Returns milliseconds of wall and processor time per chunk, by executor.
+
+    They are medians of interleaved rounds.
+    """
     environment.prepare()
     setup = Setup([str(Path(__file__).resolve().parents[1])], {})
-    made = {
+    workers_by_kind = {
         kind: executors.workers(node, WORKERS, setup, environment.in_force())
         for kind, node in KINDS.items()
     }
     try:
-        for workers in made.values():
+        for workers in workers_by_kind.values():
             timed(workers, WORKERS)  # starts them
-        found: dict[str, list[tuple[float, float]]] = {kind: [] for kind in made}
-        for at in range(sizes.chunk_rounds):
-            rounds.say(f"chunks: round {at + 1} of {sizes.chunk_rounds}")
-            for kind, workers in made.items():
-                found[kind].append(timed(workers, sizes.chunks))
+        times_by_kind: dict[str, list[tuple[float, float]]] = {kind: [] for kind in workers_by_kind}
+        for round_number in range(sizes.chunk_rounds):
+            rounds.say(f"chunks: round {round_number + 1} of {sizes.chunk_rounds}")
+            for kind, workers in workers_by_kind.items():
+                times_by_kind[kind].append(timed(workers, sizes.chunks))
     finally:
-        for workers in made.values():
+        for workers in workers_by_kind.values():
             workers.close()
-    middle = {
-        kind: [statistics.median(column) for column in zip(*took, strict=True)]
-        for kind, took in found.items()
+    medians = {
+        kind: [statistics.median(column) for column in zip(*times, strict=True)]
+        for kind, times in times_by_kind.items()
     }
-    return {kind: {"wall_ms": wall, "cpu_ms": cpu} for kind, (wall, cpu) in middle.items()} | {
+    return {kind: {"wall_ms": wall, "cpu_ms": cpu} for kind, (wall, cpu) in medians.items()} | {
         "chunks": sizes.chunks
     }
 
@@ -78,26 +81,32 @@ def measure(sizes: Sizes, folder: Path) -> dict[str, Any]:
 def timed(
     workers: Workers, count: int, clock: Callable[[], float] = time.perf_counter
 ) -> tuple[float, float]:
-    """Wall and processor time of each of `count` chunks (ms), of cells of their own: the pool would join others."""
+    """Returns wall and processor time per chunk, in ms, of `count` chunks.
+
+    Each chunk has a cell of its own, since the pool would join chunks of one cell.
+    """
     config: dict[str, Any] = {key: {} for key in IDENTITY}
     config |= {"names": {"controller": "none"}, "precision": "float32", "platform": "cpu"}
     cells = [Cell(config | {"seed": seed, "batch": 1}) for seed in range(count)]
     wall = clock()
     cpu = time.process_time()
     trials = tuple(range(TRIALS))
-    ended = sum(
-        1 for _ in Pool(nothing, workers, rounds.say).run([Chunk(cell, trials) for cell in cells])
+    returned_trials = sum(
+        1
+        for _ in Pool(empty_trials, workers, rounds.say).run(
+            [Chunk(cell, trials) for cell in cells]
+        )
     )
-    if ended != count * TRIALS:
-        raise RuntimeError(f"{ended} of {count * TRIALS} trials came back")
+    if returned_trials != count * TRIALS:
+        raise RuntimeError(f"{returned_trials} of {count * TRIALS} trials came back")
     return 1e3 * (clock() - wall) / count, 1e3 * (time.process_time() - cpu) / count
 
 
 def markdown(numbers: dict[str, Any]) -> str:
-    """The table."""
+    """Returns the table."""
     lines = [
-        f"**Handing out a chunk**: medians over rounds of {numbers['chunks']} empty chunks of {TRIALS} trials each,"
-        f" {WORKERS} workers on this machine.",
+        f"**Handing out a chunk**: medians over rounds of {numbers['chunks']} empty chunks of "
+        f"{TRIALS} trials each, {WORKERS} workers on this machine.",
         "",
         "| | wall time ms | processor time of the engine ms | chunks a second at most |",
         "|---|---|---|---|",

@@ -1,4 +1,4 @@
-"""The command as a user runs it, timed and watched from outside through /proc."""
+"""Runs the command as a user does, times it, and watches it from outside through /proc."""
 
 import os
 import subprocess
@@ -15,18 +15,18 @@ PAGE_MB = os.sysconf("SC_PAGE_SIZE") / 1e6
 
 
 class CommandError(Exception):
-    """What went wrong with a command, in one line."""
+    """Says in one line what went wrong with a command."""
 
 
 class Ended(NamedTuple):
-    """When a command was started (s since the epoch, as the times of files are) and how long it took (s)."""
+    """Holds when a command was started and how long it took."""
 
-    started: float
-    seconds: float
+    started: float  # s since the epoch, as the times of files are
+    seconds: float  # how long it took
 
 
 def run(args: Sequence[str], folder: Path, env: Mapping[str, str] | None = None) -> Ended:
-    """`mppi-belief ARGS` in `folder`, to its end."""
+    """Runs `mppi-belief ARGS` in `folder` to its end."""
     return watched(args, folder, lambda pid: None, env)
 
 
@@ -37,7 +37,10 @@ def watched(
     env: Mapping[str, str] | None = None,
     every: float = 0.005,
 ) -> Ended:
-    """The same, with `look(pid)` called again and again while it runs; raises `CommandError` unless it exits with 0."""
+    """Runs a command and calls `look(pid)` again and again until it ends.
+
+    Raises `CommandError` unless it exits with 0.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     log = folder / "stderr.txt"
     with log.open("w") as stderr:
@@ -62,14 +65,14 @@ def watched(
                 process.wait(60)
         seconds = time.perf_counter() - began
     if process.returncode:
-        said = (log.read_text().strip().splitlines() or ["no word"])[-1]
-        raise CommandError(f"{' '.join(args)}: code {process.returncode}: {said}")
+        last_message = (log.read_text().strip().splitlines() or ["no word"])[-1]
+        raise CommandError(f"{' '.join(args)}: code {process.returncode}: {last_message}")
     return Ended(started, seconds)
 
 
 def workers_of(pid: int) -> list[int]:
-    """The pool's processes of a running command."""
-    found = []
+    """Returns the worker processes of a running command."""
+    pids = []
     for entry in Path("/proc").iterdir():
         try:
             if (
@@ -77,27 +80,29 @@ def workers_of(pid: int) -> list[int]:
                 and _parent(entry) == pid
                 and b"--multiprocessing-fork" in _words(entry)
             ):
-                found.append(int(entry.name))
+                pids.append(int(entry.name))
         except OSError:  # it has just ended
             continue
-    return sorted(found)
+    return sorted(pids)
 
 
 def _parent(entry: Path) -> int:
+    """Returns the parent of a process by its folder in /proc."""
     return int((entry / "stat").read_text().rpartition(")")[2].split()[1])
 
 
 def _words(entry: Path) -> list[bytes]:
+    """Returns the command line of a process by its folder in /proc."""
     return (entry / "cmdline").read_bytes().split(b"\0")
 
 
 def programs(cache: Path) -> int:
-    """Compiled programs in a compilation cache."""
+    """Returns the number of compiled programs in a compilation cache."""
     return sum(1 for path in cache.rglob("*-cache"))
 
 
 def resident_mb(pid: int) -> float | None:
-    """What a process holds in memory (RSS); None for one that has ended."""
+    """Returns the resident memory of a process in MB; None if it has ended."""
     try:
         return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * PAGE_MB
     except (OSError, IndexError):
@@ -105,7 +110,7 @@ def resident_mb(pid: int) -> float | None:
 
 
 def peak_mb(pid: int) -> float:
-    """The most that a running process ever held in memory."""
+    """Returns the most memory that a running process ever held, in MB."""
     for line in Path(f"/proc/{pid}/status").read_text().splitlines():
         if line.startswith("VmHWM:"):
             return int(line.split()[1]) * 1.024e-3

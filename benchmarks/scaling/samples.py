@@ -1,6 +1,8 @@
-"""What one more sample costs: time of a control step by samples and steps ahead, peak memory of its process.
+"""Measures what one more sample costs: the time of a control step and the peak memory of its
+process.
 
-Each number of samples is a process of its own, all on one CPU in interleaved rounds, as in `make bench`.
+Each number of samples has a process of its own, all on one CPU in interleaved rounds, as in `make
+bench`.
 """
 
 from pathlib import Path
@@ -21,7 +23,7 @@ CONTROLLERS = {"ce": "CE-MPPI", "belief": "MPPI-Belief"}
 
 
 def measure(sizes: Sizes, folder: Path) -> dict[str, Any]:
-    """For each controller rows over N and how flat the cost of a sample-step is."""
+    """Returns for each controller rows over N, and how flat the cost of a sample-step is."""
     work = workload()
     names = [f"{controller}-{n}" for controller in CONTROLLERS for n in sizes.samples]
     cpu = rounds.one_cpu()
@@ -35,32 +37,33 @@ def measure(sizes: Sizes, folder: Path) -> dict[str, Any]:
             subjects, work, "float32", sizes.sample_rounds, work["steps"] - WARM_UP
         )
         peaks = {
-            name: peak_mb(one.process.pid)
-            for name, one in subjects.items()
-            if one.process.poll() is None
+            name: peak_mb(subject.process.pid)
+            for name, subject in subjects.items()
+            if subject.process.poll() is None
         }
     finally:
         rounds.end(list(subjects.values()))
-    found: dict[str, Any] = {"horizon": work["horizon"]}
+    numbers: dict[str, Any] = {"horizon": work["horizon"]}
     for controller in CONTROLLERS:
         rows = [
             _row(n, work["horizon"], f"{controller}-{n}", results, peaks) for n in sizes.samples
         ]
         good = [row for row in rows if "ns" in row]
-        found[controller] = {
+        numbers[controller] = {
             "rows": rows,
             "spread": spread([row["ns"] for row in good]),
             "fixed_ms": fixed_ms(good),
         }
-    return found
+    return numbers
 
 
 def _start(name: str, cpu: int, folder: Path) -> Any:
+    """Starts the process of one controller and number of samples."""
     return rounds.start(PYTHON, "scaled", name, cpu, folder / f"{name}.txt")
 
 
 def _compiles(subject: Any, work: dict[str, Any]) -> bool:
-    """Let a subject make its program; whether it was not there before."""
+    """Makes a subject compile its program; returns whether it was not in the cache before."""
     before = programs(cache_dir())
     try:
         subject.ask("prepare", workload=work, dtype="float32")
@@ -73,31 +76,36 @@ def _compiles(subject: Any, work: dict[str, Any]) -> bool:
 def _row(
     n: int, horizon: int, name: str, results: dict[str, Any], peaks: dict[str, float]
 ) -> dict[str, Any]:
-    one = summary(results[name])
-    if "median_ms" not in one:
-        return {"n": n, "error": one.get("error", "no times")}
+    """Returns the row of one number of samples."""
+    row = summary(results[name])
+    if "median_ms" not in row:
+        return {"n": n, "error": row.get("error", "no times")}
     fastest = 1e3 * min(median(calls) for calls in results[name]["rounds"])
-    times = {"median_ms": one["median_ms"], "p95_ms": one["p95_ms"], "fastest_round_ms": fastest}
+    times = {"median_ms": row["median_ms"], "p95_ms": row["p95_ms"], "fastest_round_ms": fastest}
     return {
         "n": n,
         **times,
-        "ns": per_sample_step(one["median_ms"], n, horizon),
+        "ns": per_sample_step(row["median_ms"], n, horizon),
         "peak_mb": peaks[name],
     }
 
 
 def per_sample_step(ms: float, n: int, horizon: int) -> float:
-    """ns of one step of one sample, of a control step that took `ms`."""
+    """Returns the ns per step and sample of a control step that took `ms`."""
     return 1e6 * ms / (n * horizon)
 
 
 def spread(values: list[float]) -> float | None:
-    """The largest by the smallest."""
+    """Returns the ratio of the largest value to the smallest."""
     return max(values) / min(values) if values else None
 
 
 def fixed_ms(rows: list[dict[str, Any]]) -> float | None:
-    """What a step of the fewest samples takes beyond these samples at the price that they have among the most."""
+    """Returns the ms of a control step that do not depend on the number of samples.
+
+    It is the time with the fewest samples, less these samples at the price that they have among the
+    most.
+    """
     if not rows:
         return None
     few = rows[0]
@@ -106,10 +114,10 @@ def fixed_ms(rows: list[dict[str, Any]]) -> float | None:
 
 
 def markdown(numbers: dict[str, Any]) -> str:
-    """A table over N, both controllers side by side."""
+    """Returns a table over N with both controllers side by side."""
     lines = [
-        f"**Cost of a sample-step**, {numbers['horizon']} steps ahead, float32, one thread: median of a control step, "
-        f"the same by samples and steps ahead, peak memory of the process.",
+        f"**Cost of a sample-step**, {numbers['horizon']} steps ahead, float32, one thread: the "
+        "median time of a control step, the same divided by samples and steps, and the peak memory.",
         "",
         "| samples | "
         + " | ".join(f"{label} ms | ns | MB" for label in CONTROLLERS.values())
@@ -121,18 +129,23 @@ def markdown(numbers: dict[str, Any]) -> str:
             "| " + " | ".join([f"{rows[0]['n']:,}".replace(",", " "), *map(_cells, rows)]) + " |"
         )
     spreads, fixed = (
-        ", ".join(f"{_told(numbers[name][key])} ({label})" for name, label in CONTROLLERS.items())
+        ", ".join(f"{_number(numbers[name][key])} ({label})" for name, label in CONTROLLERS.items())
         for key in ("spread", "fixed_ms")
     )
-    said = f"The dearest sample-step by the cheapest: {spreads}. ms that a step costs whatever its samples: {fixed}."
-    return "\n".join([*lines, "", said])
+    sentence = (
+        f"Ratio of the most expensive sample-step to the cheapest: {spreads}. "
+        f"Part of a step that does not depend on the samples, in ms: {fixed}."
+    )
+    return "\n".join([*lines, "", sentence])
 
 
-def _told(value: float | None) -> str:
+def _number(value: float | None) -> str:
+    """Returns a number as text."""
     return "unknown" if value is None else f"{value:.2f}"
 
 
 def _cells(row: dict[str, Any]) -> str:
+    """Returns the cells of one controller in a row of the table."""
     if "error" in row:
         return f"{row['error']} | | "
     return f"{row['median_ms']:.3f} | {row['ns']:.1f} | {row['peak_mb']:.0f}"

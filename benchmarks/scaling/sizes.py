@@ -1,10 +1,10 @@
-"""How much each part runs: all of it, or a little of everything to see that it works."""
+"""Sets how much each part runs: all of it, or a little of everything to see that it works."""
 
 from typing import NamedTuple
 
 
 class Sizes(NamedTuple):
-    """Numbers of repeats, trials, cells and samples; medians are over the repeats."""
+    """Holds numbers of repeats, trials, cells and samples; medians are over the repeats."""
 
     table_trials: int = 200  # per method; Table I has four
     table_rounds: int = 2  # warm, each with one worker and with two

@@ -1,4 +1,4 @@
-"""How long a person waits for little: help, a tiny run, a run that finds everything done."""
+"""Measures how long short commands take: help, a tiny run, a run that finds everything done."""
 
 from pathlib import Path
 from statistics import median
@@ -13,7 +13,10 @@ TINY = ("run", "controller=belief", "n_trials=2", "workers=1")
 
 
 def measure(sizes: Sizes, folder: Path) -> dict[str, Any]:
-    """Seconds of each command, repeats interleaved, and their medians; all is compiled before."""
+    """Returns the seconds of each command and their medians.
+
+    Repeats are interleaved, and everything is compiled before.
+    """
     rounds.say(f"start_up: {sizes.starts} of each")
     cache = {"XDG_CACHE_HOME": str(folder / "cache")}
     run([*TINY, "results_dir=done"], folder, cache)
@@ -34,7 +37,7 @@ def measure(sizes: Sizes, folder: Path) -> dict[str, Any]:
 
 
 def markdown(numbers: dict[str, Any]) -> str:
-    """A table of seconds."""
+    """Returns a table of seconds."""
     repeats = len(next(iter(numbers["seconds"].values())))
     lines = [
         f"**Start-up**, seconds, the median of {repeats}:",

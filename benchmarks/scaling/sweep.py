@@ -1,6 +1,7 @@
-"""What a cell of a sweep costs: from a sweep of few cells and one of many, by the times of their files.
+"""Measures what a cell of a sweep costs, by the times of the files of a small and of a large sweep.
 
-The compilation cache is the sweep's own: a program that the many need and the few do not is a new file in it.
+The compilation cache is the sweep's own: a program that the large sweep needs and the small one
+does not is a new file in it.
 """
 
 import itertools
@@ -19,37 +20,38 @@ PHASES = ("until the first trials are on disk", "trials", "the Time column", "ta
 
 
 def measure(sizes: Sizes, folder: Path) -> dict[str, Any]:
-    """ms per cell in each phase, and the programs compiled for the few cells and for the many."""
+    """Returns the ms per cell in each phase and the programs compiled for few and many cells."""
     cache = folder / "cache"
     (few, many) = sizes.sweep_cells
     rounds.say(f"sweep: {few} cells")
     _run(few, folder / "cold", cache)
-    kept = [programs(cache)]
+    compiled_programs = [programs(cache)]
     times: dict[int, list[dict[str, float]]] = {few: [], many: []}
     for k in range(sizes.sweep_rounds):
         rounds.say(f"sweep: {few} cells and {many}, round {k + 1} of {sizes.sweep_rounds}")
         for cells in times:
             times[cells].append(_run(cells, folder / f"warm-{cells}-{k}", cache))
-    kept.append(programs(cache))
+    compiled_programs.append(programs(cache))
     return {
         "cells": sizes.sweep_cells,
         "trials": TRIALS,
         "seconds": times,
         "ms_per_cell": {phase: _slope(times, phase) for phase in times[few][0]},
-        "programs": dict(zip(("few", "many"), kept, strict=True)),
+        "programs": dict(zip(("few", "many"), compiled_programs, strict=True)),
     }
 
 
 def _slope(times: dict[int, list[dict[str, float]]], phase: str) -> float:
-    """ms that one more cell adds to a phase, from the medians of the rounds."""
+    """Returns the ms that one more cell adds to a phase, from the medians of the rounds."""
     (few, a), (many, b) = (
-        (cells, median(one[phase] for one in runs)) for cells, runs in times.items()
+        (cells, median(phases_of_run[phase] for phases_of_run in runs))
+        for cells, runs in times.items()
     )
     return 1e3 * (b - a) / (many - few)
 
 
 def _run(cells: int, folder: Path, cache: Path) -> dict[str, float]:
-    """Seconds of each phase, and of all, of a sweep over theta and w_obs."""
+    """Returns the seconds of each phase, and of all, of a sweep over theta and w_obs."""
     args = [
         "run",
         "-m",
@@ -67,7 +69,7 @@ def _run(cells: int, folder: Path, cache: Path) -> dict[str, float]:
 
 
 def phases(ended: Ended, results: Path) -> dict[str, float]:
-    """Seconds from one kind of file to the next."""
+    """Returns the seconds from one kind of file to the next."""
     parts, timings = (
         sorted(path.stat().st_mtime for path in results.glob(f"*/{kind}")) for kind in FILES
     )
@@ -77,12 +79,13 @@ def phases(ended: Ended, results: Path) -> dict[str, float]:
 
 
 def markdown(numbers: dict[str, Any]) -> str:
-    """A table of milliseconds and what was compiled."""
+    """Returns a table of milliseconds and the number of compiled programs."""
     few, many = numbers["cells"]
     same = numbers["programs"]["few"] == numbers["programs"]["many"]
     lines = [
-        f"**A cell of a sweep** over theta and w_obs, {numbers['trials']} trials each, 50 samples, 2 workers: ms per "
-        f"cell, from {few} cells and {many}. The programs compiled for {few} cells, {numbers['programs']['few']}, are "
+        f"**A cell of a sweep** over theta and w_obs, {numbers['trials']} trials each, 50 samples, "
+        f"2 workers: ms per cell, from {few} cells and {many}. The programs compiled for {few} "
+        f"cells, {numbers['programs']['few']}, are "
         + (
             "all that the others need."
             if same

@@ -1,10 +1,10 @@
-"""Whole Table I: wall time with one worker and with two, with and without compiled programs to find.
+"""Measures all of Table I: wall time with one worker and with two, compiled before and not.
 
     efficiency at 2 = t_1 / (2 t_2)
 
-once for the command from start to end, once for its trials (from the moment the plan is checked to the last trial on
-disk, so with the workers' start) and once for the machine itself: a process that steps a controller alone, and two
-that do so at once.
+It is computed for the command from start to end, for its trials (from the moment when the plan is
+checked to the last trial on disk, so the workers' start is included), and for the machine itself:
+one process that steps a controller alone, against two that do so at once.
 """
 
 import math
@@ -34,7 +34,7 @@ ROWS = {
 
 
 def measure(sizes: Sizes, folder: Path) -> dict[str, Any]:
-    """Seconds of every run, medians and efficiencies, the machine's own."""
+    """Returns the seconds of every run, medians, efficiencies, and the machine's own efficiency."""
     rounds.say("table_1: cold")
     runs = {
         "cold": {n: [_run(sizes, n, folder / f"cold-{n}", folder / f"cache-{n}")] for n in WORKERS}
@@ -55,7 +55,10 @@ def measure(sizes: Sizes, folder: Path) -> dict[str, Any]:
 
 
 def _run(sizes: Sizes, workers: int, folder: Path, cache: Path) -> dict[str, float]:
-    """Seconds of one run into an empty folder: the whole command, its trials, until the first of them is on disk."""
+    """Returns the seconds of one run into an empty folder.
+
+    They are those of the command, of its trials, and until the first trial is on disk.
+    """
     results = folder / "results"
     planned = Appearance(results)  # made when all configurations are checked
     args = [
@@ -69,35 +72,43 @@ def _run(sizes: Sizes, workers: int, folder: Path, cache: Path) -> dict[str, flo
     written = [path.stat().st_mtime for path in results.glob("*/part-*.parquet")]
     return {
         "command": ended.seconds,
-        "trials": max(written) - planned.at,
-        "first": min(written) - planned.at,
+        "trials": max(written) - planned.seen_at,
+        "first": min(written) - planned.seen_at,
     }
 
 
 class Appearance:
-    """When a path was first seen (s since the epoch), by whoever calls this again and again."""
+    """Notes when a path first existed, in s since the epoch; it is called again and again."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.at = float("nan")
+        self.seen_at = float("nan")
 
     def __call__(self, pid: int) -> None:
-        if math.isnan(self.at) and self.path.exists():
-            self.at = time.time()
+        if math.isnan(self.seen_at) and self.path.exists():
+            self.seen_at = time.time()
 
 
 def _row(runs: dict[int, list[dict[str, float]]], span: str) -> dict[str, float]:
-    one, two = (median(run[span] for run in runs[n]) for n in WORKERS)
-    return {"one": one, "two": two, "efficiency": efficiency(one, two)}
+    """Returns the medians with one and with two workers, and the efficiency."""
+    one_worker, two_workers = (median(run[span] for run in runs[n]) for n in WORKERS)
+    return {
+        "one": one_worker,
+        "two": two_workers,
+        "efficiency": efficiency(one_worker, two_workers),
+    }
 
 
-def efficiency(one: float, two: float) -> float:
-    """Of two workers, from the seconds that one and two take."""
-    return one / (2 * two)
+def efficiency(one_worker: float, two_workers: float) -> float:
+    """Returns the efficiency of two workers from the seconds that one and two take."""
+    return one_worker / (2 * two_workers)
 
 
 def machine_efficiency(folder: Path) -> float | None:
-    """The same of two processes that know nothing of each other; None on a machine with one CPU."""
+    """Returns the efficiency of two processes that share nothing.
+
+    Returns None on a machine with one CPU.
+    """
     cpus = sorted(os.sched_getaffinity(0))[-2:]
     if len(cpus) < 2:
         return None
@@ -105,9 +116,9 @@ def machine_efficiency(folder: Path) -> float | None:
     pair = [rounds.start(PYTHON, "ours", "pipf", cpu, folder / f"pipf-{cpu}.txt") for cpu in cpus]
     work = workload()
     try:
-        for one in pair:
-            one.ask("prepare", workload=work, dtype="float32")
-            one.ask("time", calls=1)
+        for subject in pair:
+            subject.ask("prepare", workload=work, dtype="float32")
+            subject.ask("time", calls=1)
         turns = [(_step(pair[:1], work), _step(pair, work)) for _ in range(TURNS)]
     finally:
         rounds.end(pair)
@@ -115,22 +126,30 @@ def machine_efficiency(folder: Path) -> float | None:
 
 
 def _step(some: Sequence[Any], work: dict[str, Any]) -> float:
-    """Seconds of a control step, its mean over a trial, of processes that run at once; the slowest's."""
+    """Returns the seconds of a control step, averaged over a trial, of processes that run at once.
+
+    The slowest process counts.
+    """
     calls = work["steps"] - WARM_UP
     with ThreadPoolExecutor(len(some)) as threads:
-        replies = list(threads.map(lambda one: one.ask("time", calls=calls)["seconds"], some))
+        replies = list(
+            threads.map(lambda subject: subject.ask("time", calls=calls)["seconds"], some)
+        )
     return max(sum(seconds) / len(seconds) for seconds in replies)
 
 
 def markdown(numbers: dict[str, Any]) -> str:
-    """A table of seconds."""
+    """Returns a table of seconds."""
     own = numbers["machine_efficiency"]
     repeats = len(next(iter(numbers["runs"]["warm"].values())))
+    title = f"**Table I**, {numbers['trials']} trials, seconds, the median of {repeats} warm runs."
+    if own is not None:
+        title += (
+            " A process of its own on each of two CPUs, with nothing shared, reaches an efficiency "
+            f"of {own:.2f} here."
+        )
     lines = [
-        f"**Table I**, {numbers['trials']} trials, seconds, the median of {repeats} warm runs. A process of its own on "
-        f"each of two CPUs, with nothing shared, reaches an efficiency of {own:.2f} here."
-        if own is not None
-        else f"**Table I**, {numbers['trials']} trials, seconds, the median of {repeats} warm runs.",
+        title,
         "",
         "| | 1 worker | 2 workers | efficiency at 2 |",
         "|---|---|---|---|",

@@ -1,1 +1,1 @@
-"""One adapter per library. Each runs in that library's environment: no imports from `mppi_belief` but in `ours`."""
+"""Adapters, one module per library; each has `make(name, workload, dtype)`."""

@@ -1,11 +1,12 @@
-"""faran: MPPI from composable parts, in JAX and in NumPy.
+"""Adapts faran: MPPI from composable parts, in JAX and in NumPy.
 
-Set up as its README does, with parts of `faran.jax` or `faran.numpy` and the nominal of one step handed to the next. A
-double integrator is not among its models, so the model is written like its own integrators: a jitted `lax.scan` in
-JAX, running sums in NumPy. Its parts are jitted one by one and joined in Python; running, terminal and control cost
-are one function here, which saves calls. faran has no importance term, so the control cost is charged.
+It is set up as its README does, with parts of `faran.jax` or `faran.numpy`, and each step starts
+from the nominal of the last. A double integrator is not among its models, so the model is written
+like its own integrators: a jitted `lax.scan` in JAX, running sums in NumPy. Its parts are jitted
+one by one and joined in Python; running, terminal and control cost are one function here, which
+saves calls. faran has no importance term, so the control cost is charged.
 
-"faran_jax_one_jit" compiles the whole step into one program; its documentation does not, but it can be done.
+"faran_jax_one_jit" compiles the whole step into one program, which is possible but not documented.
 NumPy draws in double precision only.
 """
 
@@ -23,6 +24,7 @@ from plant import Planner, Workload
 
 
 def make(name: str, workload: Workload, dtype: str) -> Planner:
+    """Returns the planner of a name."""
     jax.config.update("jax_enable_x64", dtype == "float64")
     jax.config.update("jax_cpu_enable_async_dispatch", False)  # as ours runs
     return {"faran_jax": FaranJax, "faran_jax_one_jit": FaranOneJit, "faran_numpy": FaranNumPy}[
@@ -31,7 +33,7 @@ def make(name: str, workload: Workload, dtype: str) -> Planner:
 
 
 def jax_simulate(dt: float) -> Any:
-    """(inputs (T, 2, M), start (4,)) -> states (T, 4, M), as faran's integrator in JAX does it."""
+    """Returns faran's JAX integrator: (inputs (T, 2, M), start (4,)) -> states (T, 4, M)."""
 
     @jax.jit
     def simulate(inputs: jax.Array, start: jax.Array) -> jax.Array:
@@ -47,7 +49,7 @@ def jax_simulate(dt: float) -> Any:
 
 
 def numpy_simulate(dt: float) -> Any:
-    """The same with running sums, as faran's integrator in NumPy does it."""
+    """Returns the map of `jax_simulate` with running sums, as faran's NumPy integrator does."""
 
     def simulate(inputs: np.ndarray, start: np.ndarray) -> np.ndarray:
         states = np.empty((len(inputs), 4, inputs.shape[-1]))
@@ -60,7 +62,10 @@ def numpy_simulate(dt: float) -> Any:
 
 
 def stage_costs(xp: Any, workload: Workload) -> Any:
-    """(states (T, 4, M), inputs (T, 2, M)) -> costs (T, M), the terminal cost with the last step's."""
+    """Returns the map (states (T, 4, M), inputs (T, 2, M)) -> costs (T, M).
+
+    The terminal cost is added to that of the last step.
+    """
     dt = workload["dt"]
     goal = workload["goal"]
 
@@ -82,7 +87,7 @@ def stage_costs(xp: Any, workload: Workload) -> Any:
 
 
 class Faran(Planner):
-    """The planner of one backend, called as its README does."""
+    """Implements the planner of one backend, called as in faran's README."""
 
     def __init__(
         self, workload: Workload, dtype: str, backend: Any, mppi: Any, simulate: Any, costs: Any
@@ -97,6 +102,7 @@ class Faran(Planner):
         self.planner = self.planner_with(seed=0)
 
     def planner_with(self, **randomness: Any) -> Any:
+        """Returns a planner whose sampler has the given seed or key."""
         sampler = self.backend.sampler.gaussian(
             standard_deviation=np.full(2, self.workload["control_std"]),
             rollout_count=self.workload["n_samples"],
@@ -106,9 +112,11 @@ class Faran(Planner):
         return self.mppi.create(model=self, cost_function=self.costs, sampler=sampler)
 
     def simulate(self, inputs: Any, initial_state: Any) -> Any:
+        """Returns the states of a batch of inputs; faran calls it as a model."""
         return self.simple.state_batch.wrap(self._simulate(inputs.array, initial_state.array))
 
     def costs(self, *, inputs: Any, states: Any) -> Any:
+        """Returns the costs of a batch of paths; faran calls it as a cost function."""
         return self.simple.costs(self._costs(states.array, inputs.array))
 
     def reset(self) -> None:
@@ -120,19 +128,21 @@ class Faran(Planner):
         return self.simple.state.create(np.array(x))
 
     def act(self, state: Any) -> Any:
-        made = self.planner.step(
+        result = self.planner.step(
             temperature=self.workload["temperature"],
             nominal_input=self.nominal,
             initial_state=state,
         )
-        self.nominal = made.nominal
-        return jax.block_until_ready((made.optimal.array, made.nominal.array))[0]
+        self.nominal = result.nominal
+        return jax.block_until_ready((result.optimal.array, result.nominal.array))[0]
 
     def control(self, result: Any) -> list[float]:
         return result[0].tolist()
 
 
 class FaranNumPy(Faran):
+    """Implements the planner of the NumPy backend."""
+
     settings = "NumPyMppi with a Gaussian sampler, as in its README"
 
     def __init__(self, workload: Workload, dtype: str) -> None:
@@ -141,6 +151,8 @@ class FaranNumPy(Faran):
 
 
 class FaranJax(Faran):
+    """Implements the planner of the JAX backend, its parts jitted one by one."""
+
     settings = "JaxMppi with a Gaussian sampler, parts jitted one by one, as in its README"
 
     def __init__(self, workload: Workload, dtype: str) -> None:
@@ -149,6 +161,8 @@ class FaranJax(Faran):
 
 
 class FaranOneJit(FaranJax):
+    """Implements the planner of the JAX backend, the whole step in one program."""
+
     settings = "JaxMppi, the whole step in one jit (not in its documentation)"
 
     def __init__(self, workload: Workload, dtype: str) -> None:
@@ -161,10 +175,10 @@ class FaranOneJit(FaranJax):
             planner = self.planner_with(key=key)
             sequence = self.simple.control_input_sequence(nominal)
             state = self.simple.state(x)
-            made = planner.step(
+            result = planner.step(
                 temperature=workload["temperature"], nominal_input=sequence, initial_state=state
             )
-            return planner.sampler.key, made.nominal.array, made.optimal.array
+            return planner.sampler.key, result.nominal.array, result.optimal.array
 
         self.program = step
         self.key = jax.random.key(0)

@@ -1,10 +1,11 @@
-"""The floors of our controllers: what no planner of this kind can do without, each as one compiled program of our code,
-its result summed, so that large arrays need not leave it.
+"""Measures the floors of our controllers: what no planner of this kind can do without.
 
-The normals of all samples (half of them where the controller mirrors them), the bare rollouts of their controls, the
-schedule of covariances along a nominal. "floor_ce" is normals and rollouts together, "floor_belief" these and one
-schedule, "floor_pipf" normals and rollouts of the samples of all particles. EKF-iLQG has no floor here: what it must do
-depends on how many iterations it takes.
+Each floor is one compiled program of our code. Its result is summed, so that large arrays need not
+leave it. The parts are the normals of all samples (half of them where the controller mirrors them),
+the bare rollouts of their controls, and the schedule of covariances along a nominal. "floor_ce" is
+normals and rollouts together, "floor_belief" these and one schedule, "floor_pipf" normals and
+rollouts of the samples of all particles. EKF-iLQG has no floor here, since its work depends on the
+number of iterations.
 """
 
 import time
@@ -32,11 +33,12 @@ PARTS = {
 
 
 def make(name: str, workload: Workload, dtype: str) -> "Floor":
+    """Returns the floor of a name."""
     return Floor(name, dtype)
 
 
 class Floor:
-    """Parts of a controller's step."""
+    """Computes parts of a controller's step."""
 
     settings = "one compiled program"
 
@@ -54,8 +56,9 @@ class Floor:
             self.program = jax.jit(self._program)
 
     def _program(self, plan: jax.Array, controls: jax.Array, key: jax.Array) -> list[jax.Array]:
+        """Returns the sum of the result of each part."""
         belief = prior(self.problem)
-        made = []
+        sums = []
         if "normals" in self.parts:
             normals = standard_normal(key, (*plan.shape, self.drawn))
             half = self.drawn < controls.shape[-1]
@@ -64,25 +67,27 @@ class Floor:
                 if half
                 else normals
             )
-            made.append(jnp.sum(controls))
+            sums.append(jnp.sum(controls))
         if "rollout" in self.parts:
-            made.append(jnp.sum(rollouts(self.problem, belief.mean, plan[:, :, None] + controls)))
+            sums.append(jnp.sum(rollouts(self.problem, belief.mean, plan[:, :, None] + controls)))
         if "schedule" in self.parts:
-            made.append(
+            sums.append(
                 jnp.sum(gain_schedule(self.problem, belief, plan, self.controller.schedule).cov)
             )
-        return made
+        return sums
 
     def time(self, calls: int) -> list[float]:
+        """Returns the seconds of single calls."""
         with jax.enable_x64(self.x64):
             return [self._timed(k) for k in range(WARM_UP + calls)][WARM_UP:]
 
     def _timed(self, k: int) -> float:
+        """Returns the seconds of call k."""
         key = jax.block_until_ready(jax.random.fold_in(jax.random.key(0), k))
         started = time.perf_counter()
         jax.block_until_ready(self.program(self.plan, self.controls, key))
         return time.perf_counter() - started
 
     def closed_loop(self) -> dict[str, float]:
-        """It controls nothing."""
+        """Returns nothing to judge, since a floor controls nothing."""
         return {}

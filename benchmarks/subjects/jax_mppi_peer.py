@@ -1,8 +1,9 @@
-"""jax_mppi: MPPI as pure functions.
+"""Adapts jax_mppi: MPPI as pure functions.
 
-Set up as its README advises "for performance": `jax.jit(mppi.command)` with the cost and dynamics functions static. It
-rolls out one sample at a time under `vmap`, and charges a step's start. Its importance term is
-1/2 eps' Sigma^-1 eps, without the nominal. The configuration is static too (its fields are plain numbers).
+It is set up as its README advises "for performance": `jax.jit(mppi.command)` with static cost and
+dynamics functions. It rolls out one sample at a time under `vmap` and charges a step's start. Its
+importance term is 1/2 eps' Sigma^-1 eps, without the nominal. The configuration is static too (its
+fields are plain numbers).
 """
 
 from functools import partial
@@ -16,10 +17,13 @@ from plant import Planner, Workload
 
 
 def make(name: str, workload: Workload, dtype: str) -> Planner:
+    """Returns the planner."""
     return JaxMppi(workload, dtype)
 
 
 class JaxMppi(Planner):
+    """Implements MPPI by `jax_mppi.mppi.command`."""
+
     settings = "jax.jit(mppi.command), functions static"
 
     def __init__(self, workload: Workload, dtype: str) -> None:
@@ -56,7 +60,7 @@ class JaxMppi(Planner):
 
 
 def functions(workload: Workload) -> tuple:
-    """Dynamics, running and terminal cost of one state (4,) and action (2,)."""
+    """Returns dynamics, running and terminal cost of one state (4,) and action (2,)."""
     dt = workload["dt"]
     goal = jnp.array(workload["goal"])
     weight = jnp.array(workload["running_weight"])

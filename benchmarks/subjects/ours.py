@@ -1,7 +1,8 @@
-"""The controllers of mppi-belief, timed as its own Time column is (`mppi_belief.trial.time_steps`).
+"""Times the controllers of mppi-belief as its own Time column does
+(`mppi_belief.trial.time_steps`).
 
-Compiled, in closed loop with measurements and filter, which are not timed; the state comes as an array of JAX and the
-control and the next plan are waited for.
+The step is compiled and runs in closed loop with measurements and a filter, which are not timed.
+The state comes as a JAX array, and the clock waits for the control and for the next plan.
 """
 
 import os
@@ -20,21 +21,23 @@ from plant import WARM_UP, Workload, judge, plant_step  # noqa: E402
 
 
 def make(name: str, workload: Workload, dtype: str) -> "Controller":
+    """Returns the controller of a name."""
     return Controller(name, workload, dtype)
 
 
 def config_of(controller: str, dtype: str) -> dict:
-    """What `mppi-belief run controller=... precision=...` would run."""
+    """Returns the configuration that `mppi-belief run controller=... precision=...` runs."""
     (config,) = collect([f"controller={controller}", f"precision={dtype}"])
     return config
 
 
 def versions() -> dict[str, str]:
+    """Returns the versions of this package, JAX and NumPy."""
     return {name: version(name) for name in ("mppi-belief", "jax", "numpy")}
 
 
 class Controller:
-    """A controller of `conf/controller`."""
+    """Measures a controller of `conf/controller`."""
 
     def __init__(self, name: str, workload: Workload, dtype: str) -> None:
         self.config = config_of(name, dtype)
@@ -43,10 +46,14 @@ class Controller:
         self.settings = f"as configured; XLA_FLAGS={os.environ['XLA_FLAGS']}"
 
     def time(self, calls: int) -> list[float]:
+        """Returns the seconds of single control steps."""
         return time_steps(self.config, WARM_UP + calls)[WARM_UP:]
 
     def closed_loop(self) -> dict[str, float]:
-        """A trial without noise from the prior mean: the filter is given the measurement that it expects there."""
+        """Runs a trial without noise from the prior mean and judges it.
+
+        The filter is given the measurement that it expects there.
+        """
         with jax.enable_x64(self.config["precision"] == "float64"):
             problem, filter, controller = build(self.config)
             act = jax.jit(lambda belief, plan, key: controller.act(problem, belief, plan, key)[:2])

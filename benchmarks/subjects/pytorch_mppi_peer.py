@@ -1,9 +1,10 @@
-"""pytorch_mppi: MPPI in PyTorch, eager and with its `compile()`.
+"""Adapts pytorch_mppi: MPPI in PyTorch, eager and with its `compile()`.
 
-`MPPI` as in its README, functions batched over samples, the state already a tensor, one thread. The compiled one calls
-`MPPI.compile()`, which its docstring advises "for reduced kernel launch overhead": `torch.compile` of dynamics and
-running cost. Both run under `torch.inference_mode()`. Its importance term is lambda nominal' Sigma^-1 eps. It starts
-from a random nominal; here from none, as the others do.
+`MPPI` is set up as in its README: functions are batched over samples, the state is already a
+tensor, and there is one thread. The compiled planner calls `MPPI.compile()`, which its docstring
+advises "for reduced kernel launch overhead": `torch.compile` of dynamics and running cost. Both run
+under `torch.inference_mode()`. Its importance term is lambda nominal' Sigma^-1 eps. By default it
+starts from a random nominal; here it starts from zero, as the others do.
 """
 
 from importlib.metadata import version
@@ -15,10 +16,13 @@ from plant import Planner, Workload
 
 
 def make(name: str, workload: Workload, dtype: str) -> Planner:
+    """Returns the eager or the compiled planner."""
     return PytorchMppi(workload, dtype, compiled=name == "pytorch_mppi_compiled")
 
 
 class PytorchMppi(Planner):
+    """Implements MPPI by `pytorch_mppi.MPPI`."""
+
     def __init__(self, workload: Workload, dtype: str, compiled: bool) -> None:
         super().__init__(workload, dtype)
         torch.set_num_threads(1)
@@ -57,7 +61,10 @@ class PytorchMppi(Planner):
 
 
 def functions(workload: Workload, real: torch.dtype) -> tuple:
-    """Dynamics and running cost of states (K, 4) and actions (K, 2); terminal cost of states (1, K, T, 4)."""
+    """Returns dynamics and running cost of states (K, 4) and actions (K, 2), and the terminal cost.
+
+    The terminal cost takes states (1, K, T, 4).
+    """
     dt = workload["dt"]
     width = workload["bump_width"]
     names = ("goal", "running_weight", "terminal_weight", "centers")

@@ -1,10 +1,11 @@
-"""TorchRL's `MPPIPlanner`: a planner that searches in a model-based environment.
+"""Adapts TorchRL's `MPPIPlanner`, a planner that searches in a model-based environment.
 
-Set up as its docstring does: a `ModelBasedEnvBase` around a world model of `TensorDictModule`s, an advantage module,
-one optimisation step (as the others), all candidates kept. Actions are in units of the spread, since it samples
-with unit variance. The advantage is the return less the best one, which keeps its exponentials finite; a plain sum is
-faster than the `TDLambdaEstimator` of the docstring, and the same for gamma = lambda = 1. `torch.inference_mode()` is
-on; `torch.compile` breaks off at the environment's rollout and gains nothing. It plans from a zero nominal at each
+It is set up as in its docstring: a `ModelBasedEnvBase` around a world model of `TensorDictModule`s,
+an advantage module, one optimisation step (as the others), and all candidates are used. Actions are
+in units of the spread, since it samples with unit variance. The advantage is the return less the
+best one, which keeps its exponentials finite; a plain sum is faster than the `TDLambdaEstimator` of
+the docstring, and the same for gamma = lambda = 1. `torch.inference_mode()` is on; `torch.compile`
+breaks off at the environment's rollout and gains nothing. It plans from a zero nominal at each
 step: it has no warm start and no importance term, so the control cost is charged.
 """
 
@@ -21,11 +22,12 @@ from plant import Planner, Workload
 
 
 def make(name: str, workload: Workload, dtype: str) -> Planner:
+    """Returns the planner."""
     return TorchRL(workload, dtype)
 
 
 class Env(ModelBasedEnvBase):
-    """States and actions of the double integrator, any batch."""
+    """Represents the double integrator as an environment, for any batch of states and actions."""
 
     def __init__(self, world_model: WorldModelWrapper, real: torch.dtype) -> None:
         super().__init__(world_model, device="cpu", batch_size=torch.Size([]))
@@ -39,19 +41,22 @@ class Env(ModelBasedEnvBase):
 
 
 class Advantage(torch.nn.Module):
-    """The return of each candidate less the best one's, terminal cost included."""
+    """Computes the return of each candidate less the best one's, terminal cost included."""
 
     def __init__(self, terminal: object) -> None:
         super().__init__()
         self.terminal = terminal
 
     def forward(self, paths: TensorDictBase) -> TensorDictBase:
+        """Adds the advantage to a batch of paths."""
         returns = paths["next", "reward"].sum(-2) - self.terminal(paths["next", "x"][..., -1, :])
         advantage = returns - returns.max()
         return paths.set("advantage", advantage.unsqueeze(-2).expand(*paths.shape, 1))
 
 
 class TorchRL(Planner):
+    """Implements MPPI by TorchRL's `MPPIPlanner`."""
+
     settings = "MPPIPlanner, one optimisation step, eager"
 
     def __init__(self, workload: Workload, dtype: str) -> None:
@@ -76,7 +81,7 @@ class TorchRL(Planner):
         )
 
     def reset(self) -> None:
-        """Nothing is kept between steps."""
+        """Does nothing: the planner keeps nothing between steps."""
 
     def observe(self, x: list[float]) -> TensorDict:
         return TensorDict({"x": torch.tensor(x, dtype=self.real)}, batch_size=[])
@@ -90,7 +95,7 @@ class TorchRL(Planner):
 
 
 def functions(workload: Workload, real: torch.dtype) -> tuple:
-    """Next state and reward of states (..., 4) and actions (..., 2), the terminal cost of a state."""
+    """Returns next state and reward of states (..., 4), actions (..., 2), and the terminal cost."""
     dt = workload["dt"]
     std = workload["control_std"]
     names = ("goal", "running_weight", "terminal_weight", "centers", "control_weight")

@@ -1,7 +1,7 @@
 """Draws the rooms of the package and their imports: docs/img/architecture.svg.
 
-Every row is a floor of the import rule, every box a room. An arrow means "imports"; an import is not
-drawn where a longer way of arrows leads to the same room.
+Every row is a floor of the import rule, every box a room. An arrow means "imports"; an import is
+not drawn where a longer way of arrows leads to the same room.
 
     python docs/scripts/architecture_picture.py
 """
@@ -41,7 +41,7 @@ NOTES = {
     "fields": "ranges of values",
     "errors": "one-line errors",
 }
-# Floors whose rooms are plug-ins of a user, computed by workers, and so on, by colour.
+# What a colour means, and the rooms that have it.
 COLOURS = {
     "plug-in: one file each": (
         "#fdebd0",
@@ -58,7 +58,8 @@ COLOURS = {
 }
 OTHER_COLOUR = "#f2f2f2"
 
-# Where the centre of a box lies, px from the left, so that few arrows cross; other rooms are spread evenly.
+# The centres of boxes, px from the left, chosen so that few arrows cross. Other rooms are spread
+# evenly over their floor.
 PLACES = {
     "__main__": 560,
     "cli": 560,
@@ -133,13 +134,14 @@ def arrow(upper: Box, lower: Box) -> str:
 
 def box(placed: Box) -> str:
     """Returns the rectangle of a room with its name and its note."""
-    left = placed.x - BOX_WIDTH / 2
+    left_edge = placed.x - BOX_WIDTH / 2
+    note = NOTES.get(placed.room, "")
     name = placed.room + ("/" if (SOURCE / placed.room).is_dir() else ".py")
     return (
-        f'<rect x="{left:.0f}" y="{placed.y:.0f}" width="{BOX_WIDTH}" height="{BOX_HEIGHT}" rx="6" '
-        f'fill="{colour(placed.room)}"/>\n'
+        f'<rect x="{left_edge:.0f}" y="{placed.y:.0f}" width="{BOX_WIDTH}" '
+        f'height="{BOX_HEIGHT}" rx="6" fill="{colour(placed.room)}"/>\n'
         f'<text x="{placed.x:.0f}" y="{placed.y + 20:.0f}" class="name">{escape(name)}</text>\n'
-        f'<text x="{placed.x:.0f}" y="{placed.y + 37:.0f}">{escape(NOTES.get(placed.room, ""))}</text>'
+        f'<text x="{placed.x:.0f}" y="{placed.y + 37:.0f}">{escape(note)}</text>'
     )
 
 
@@ -171,7 +173,8 @@ def picture() -> str:
         "rect { stroke: #888 } path { fill: none; stroke: #8a94a6; stroke-width: 1.3; "
         "marker-end: url(#tip) }</style>",
         '<defs><marker id="tip" viewBox="0 0 8 8" refX="6" refY="4" markerWidth="6" '
-        'markerHeight="6" orient="auto"><polygon points="0,0 8,4 0,8" fill="#8a94a6"/></marker></defs>',
+        'markerHeight="6" orient="auto"><polygon points="0,0 8,4 0,8" fill="#8a94a6"/>'
+        "</marker></defs>",
         f'<rect width="{WIDTH}" height="{height}" fill="white" style="stroke: none"/>',
         *arrows,
         *map(box, placed.values()),

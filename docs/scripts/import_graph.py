@@ -28,7 +28,10 @@ def floors() -> list[list[str]]:
 
 
 def module_names() -> dict[str, Path]:
-    """Returns the file of every module by its name without `mppi_belief.`; the package itself is ""."""
+    """Returns the file of every module by its name without `mppi_belief.`.
+
+    The name of the package itself is an empty text.
+    """
     names = {}
     for path in sorted(SOURCE.rglob("*.py")):
         parts = list(path.relative_to(SOURCE).with_suffix("").parts)
@@ -95,7 +98,7 @@ def reachable(graph: Graph, start: str) -> set[str]:
 
 
 def without_shortcuts(graph: Graph) -> Graph:
-    """Returns the transitive reduction: an import is left out where a longer way leads there, too."""
+    """Returns the graph without the imports that a longer way makes superfluous."""
     reduced = {}
     for room, imported in graph.items():
         through = {name for step in imported for name in reachable(graph, step)}

@@ -1,4 +1,4 @@
-"""Files of a checkout and findings in them: what the measures of `style_measures.py` read and return."""
+"""Reads the Python files of a checkout for the measures of `style_measures.py`."""
 
 import ast
 import tokenize
@@ -54,7 +54,7 @@ class Module:
 
 
 def modules(root: Path, *folders: str) -> list[Module]:
-    """Returns the Python files below the named files and folders of a checkout, in order of path."""
+    """Returns the Python files below the named folders of a checkout, in order of path."""
     paths: set[Path] = set()
     for folder in folders:
         start = root / folder

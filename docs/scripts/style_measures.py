@@ -1,6 +1,6 @@
 """Measures of how readable the code is: each one is a function from a checkout to its findings.
 
-A finding names a file, a line and what is wrong there. `style_report.py` counts and prints the findings.
+A finding names a file, a line and what is wrong there. `style_report.py` counts and prints them.
 Only the standard library is used, so that any checkout can be measured by any Python from 3.11 on.
 """
 
@@ -58,8 +58,8 @@ Documented = Function | ast.ClassDef
 def root_modules(root: Path) -> list[Finding]:
     """Finds the modules that lie at the root of the package, `__init__.py` not among them."""
     folder = root / "src" / PACKAGE
-    found = sorted(path for path in folder.glob("*.py") if path.name != "__init__.py")
-    return [Finding(path.relative_to(root), 1, "module at the root") for path in found]
+    paths = sorted(path for path in folder.glob("*.py") if path.name != "__init__.py")
+    return [Finding(path.relative_to(root), 1, "module at the root") for path in paths]
 
 
 def import_rule_names(root: Path) -> list[Finding]:
@@ -74,7 +74,7 @@ def import_rule_names(root: Path) -> list[Finding]:
 
 
 def _top_level_names(module: Module) -> Iterator[tuple[str, int]]:
-    """Yields the name and line of every class, function and constant at the top level of a module."""
+    """Yields name and line of every class, function and constant at the top level of a module."""
     for node in module.tree.body:
         if isinstance(node, Function | ast.ClassDef):
             yield node.name, node.lineno
@@ -210,7 +210,7 @@ def _operands(module: Module) -> list[ast.arg]:
 
 
 def reached_privates(tests: list[Module]) -> list[Finding]:
-    """Finds private attributes of modules of the package, or of its objects, that tests reach into."""
+    """Finds private attributes of the package's modules and objects that tests reach into."""
     findings = []
     for module in tests:
         for node in module.nodes:

@@ -1,9 +1,9 @@
 """Prints how readable the code of a checkout is, in numbers, and checks the rules that CI enforces.
 
-    python docs/scripts/style_report.py                        # the working tree
-    python docs/scripts/style_report.py --before 18f6aef       # two columns: a commit, the working tree
-    python docs/scripts/style_report.py --list docstrings src/mppi_belief/cli   # each finding with its line
-    python docs/scripts/style_report.py --check [PATH...]      # exits with 1 if a rule is broken
+    python docs/scripts/style_report.py                       # the working tree
+    python docs/scripts/style_report.py --before 18f6aef      # a commit beside the working tree
+    python docs/scripts/style_report.py --list docstrings src/mppi_belief/cli   # each finding
+    python docs/scripts/style_report.py --check [PATH...]     # exits with 1 if a rule is broken
 
 A checkout is a folder or a git revision. Only the standard library is needed.
 """

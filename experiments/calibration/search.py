@@ -1,10 +1,11 @@
-"""Search the open numbers for the scenario whose Table I is closest to the paper's.
+"""Searches the open numbers for the scenario whose Table I is closest to the paper's.
 
     python experiments/calibration/search.py --minutes 30 --processes 2
 
-The loss is the sum of squared standard errors of Table I's twelve numbers. Every candidate meets the same
-noise (common random numbers). The three quick methods are tried on 24 trials, then 72, then 200, PIPF
-only on what is left; hopeless candidates stop early. The study is a journal file: the same command goes on.
+The loss is the sum of squared standard errors of Table I's twelve numbers. All candidates are
+evaluated with common random numbers. The three quick methods are tried on 24 trials, then on 72 and
+200, and PIPF only for the remaining candidates; hopeless candidates stop early. The study is a
+journal file: the same command continues it.
 """
 
 import argparse
@@ -28,27 +29,27 @@ STAGES = ((QUICK, 24), (QUICK, 72), (QUICK, 200), (("pipf",), 50))
 
 
 def suggest(trial: optuna.Trial) -> dict[str, Any]:
-    """A candidate."""
-    at = {
+    """Returns a candidate."""
+    candidate = {
         name: trial.suggest_float(name, low, high, log=log)
         for name, (low, high, log) in scenario.OPEN.items()
     }
-    return {**at, "steps": trial.suggest_categorical("steps", scenario.STEPS)}
+    return {**candidate, "steps": trial.suggest_categorical("steps", scenario.STEPS)}
 
 
 def objective(trial: optuna.Trial, bases: dict[str, dict[str, Any]]) -> float:
-    """The loss of one candidate, reported after every stage."""
-    at = suggest(trial)
+    """Returns the loss of one candidate and reports it after every stage."""
+    candidate = suggest(trial)
     rows = {method: [] for method in scenario.METHODS}
     loss = {}
     for stage, (methods, n) in enumerate(STAGES):
         for method in methods:
             rows[method] += scenario.run(
-                scenario.configure(bases[method], at), range(len(rows[method]), n)
+                scenario.configure(bases[method], candidate), range(len(rows[method]), n)
             )
-            found = scenario.measure(rows[method])
-            trial.set_user_attr(method, [round(value, 4) for value in found])
-            loss[method] = sum(z * z for z in scenario.deviations(method, found))
+            measured = scenario.measure(rows[method])
+            trial.set_user_attr(method, [round(value, 4) for value in measured])
+            loss[method] = sum(z * z for z in scenario.deviations(method, measured))
         total = sum(loss.values())
         if not math.isfinite(total):
             raise optuna.TrialPruned
@@ -59,7 +60,7 @@ def objective(trial: optuna.Trial, bases: dict[str, dict[str, Any]]) -> float:
 
 
 def open_study(path: Path, seed: int) -> optuna.Study:
-    """The study, made or found."""
+    """Opens the study, or creates it."""
     return optuna.create_study(
         study_name="table_1",
         storage=JournalStorage(JournalFileBackend(str(path))),
@@ -72,14 +73,14 @@ def open_study(path: Path, seed: int) -> optuna.Study:
 
 
 def work(path: Path, minutes: float, seed: int) -> None:
-    """One process of the search."""
+    """Runs one process of the search."""
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     bases = scenario.base_configs()
     open_study(path, seed).optimize(lambda trial: objective(trial, bases), timeout=60 * minutes)
 
 
 def save_log(study: optuna.Study, path: Path) -> None:
-    """Every candidate as a line: what was tried, what came out, how far it got."""
+    """Writes a line per candidate: its numbers, its results, and the stage that it reached."""
     names = [*scenario.OPEN, "steps"]
     columns = [
         f"{method}_{name}" for method in scenario.METHODS for name in scenario.Measured._fields
@@ -92,14 +93,16 @@ def save_log(study: optuna.Study, path: Path) -> None:
                 continue
             stage, loss = max(trial.intermediate_values.items())
             tried = [f"{trial.params[name]:.5g}" for name in names]
-            found = [value for m in scenario.METHODS for value in trial.user_attrs.get(m, [""] * 5)]
+            measured = [
+                value for m in scenario.METHODS for value in trial.user_attrs.get(m, [""] * 5)
+            ]
             out.writerow(
-                [trial.number, trial.state.name.lower(), stage, f"{loss:.2f}", *tried, *found]
+                [trial.number, trial.state.name.lower(), stage, f"{loss:.2f}", *tried, *measured]
             )
 
 
 def main() -> int:
-    """Search, then write the log and say what is best."""
+    """Searches, writes the log and prints the best candidate."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--minutes", type=float, default=30)
     parser.add_argument("--processes", type=int, default=2)
