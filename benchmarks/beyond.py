@@ -24,9 +24,10 @@ import jax  # noqa: E402  the environment must be set before JAX starts
 
 from document import write_between  # noqa: E402
 from environments import ROOT  # noqa: E402
+from mppi_belief.belief.prior import sample_prior  # noqa: E402
 from mppi_belief.config.compose import collect  # noqa: E402
 from mppi_belief.results.provenance import provenance  # noqa: E402
-from mppi_belief.simulate import BEFORE, FILTER, PLANNER, PLANT, draw_state, respond, role_key, seen  # noqa: E402
+from mppi_belief.simulate import BEFORE, FILTER, PLANNER, PLANT, respond, role_key, seen  # noqa: E402
 from mppi_belief.trial import build  # noqa: E402
 from rounds import one_cpu, say  # noqa: E402
 from table import origin  # noqa: E402
@@ -152,7 +153,7 @@ def subject(row: Row) -> Callable[[int], None]:
         )
     )
     plant, filtering, planning = (role_key(0, 0, role) for role in (PLANT, FILTER, PLANNER))
-    x = draw_state(parts.problem, jax.random.fold_in(plant, BEFORE))
+    x = sample_prior(parts.problem, jax.random.fold_in(plant, BEFORE))
     belief = parts.filter.init(parts.problem, jax.random.fold_in(filtering, BEFORE))
     plan = parts.controller.init(parts.problem)
     arguments = []

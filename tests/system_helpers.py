@@ -31,3 +31,14 @@ def pendulum(**changed) -> mb.Pendulum:
     return mb.Pendulum(
         **given | {"process_noise": 0.3, "sensor_noise": 0.1, "anchor": 1.2} | changed
     )
+
+
+def platform_problem(**changes: object) -> mb.Problem:
+    """Two coupled oscillators, gusts on both."""
+    A = np.array([[0, 0, 1, 0], [0, 0, 0, 1], [-1, 0.3, -0.5, 0], [0.1, -1, 0, -0.5]])
+    G = np.eye(4)[:, 2:]
+    R = np.array([[5.0, 1.0], [1.0, 6.0]])
+    system = mb.Steered(A, G, np.eye(2, 4), 0.5 * G, [0.3, 0.2], R, 1.0, **changes)
+    none = mb.Obstacles(np.zeros((0, 2)), 0)
+    cost = mb.GoalObstacleCost(np.zeros(4), np.ones(4), np.ones(4), R, none, 0, 1)
+    return mb.Problem(system, cost, [0.3, 0, 0, 0.2], [0.4, 0.5, 0.5, 0.4], dt=0.1, steps=12)

@@ -11,7 +11,8 @@ from jax import Array
 import mppi_belief as mb
 import reference
 from helpers import CENTERS, Feedback, assert_covariance, assert_mean, light_dark_problem, quick_jit
-from mppi_belief.simulate import FILTER, PLANNER, PLANT, draw_state, plant_step, role_key
+from mppi_belief.belief.prior import sample_prior
+from mppi_belief.simulate import FILTER, PLANNER, PLANT, plant_step, role_key
 
 DT = 0.1
 STEPS = 20
@@ -129,7 +130,7 @@ def test_one_step_of_the_plant_follows_the_noise_convention(convention, x64):
 
 
 def test_initial_states_are_drawn_from_the_prior(problem, x64):
-    draw = quick_jit(jax.vmap(lambda key: draw_state(problem, key)))
+    draw = quick_jit(jax.vmap(lambda key: sample_prior(problem, key)))
     states = np.asarray(draw(jax.random.split(jax.random.key(3), 20_000)))
     assert_mean(states, problem.prior_mean)
     assert_covariance(states - problem.prior_mean, np.diag(problem.prior_std**2))

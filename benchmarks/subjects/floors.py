@@ -16,7 +16,7 @@ from subjects.ours import config_of, versions
 import jax  # isort: skip  the environment that `ours` sets must be there before JAX starts
 import jax.numpy as jnp
 
-from mppi_belief.belief.gaussian import prior
+from mppi_belief.belief.prior import prior
 from mppi_belief.belief.schedule import gain_schedule
 from mppi_belief.numerics.normals import standard_normal
 from mppi_belief.planning.path_integral import rollouts

@@ -8,10 +8,12 @@ intensity R_o of the continuous theory obey R_o = R_s dt. A system's `noise_conv
 of the two its sigma_o gives: "sample": R_s = sigma_o sigma_o'; "intensity": R_o = sigma_o sigma_o'.
 """
 
+from collections.abc import Callable
+
 import jax.numpy as jnp
 from jax import Array
 
-from .problem import System
+from .problem import System, WrappedMeasurements
 
 
 def euler_step(system: System, x: Array, u: Array, dt: Array | float) -> Array:
@@ -32,9 +34,21 @@ def measurement_cov(system: System, x: Array, dt: Array | float) -> Array:
 
 
 def measurement_difference(system: System, y: Array, predicted: Array) -> Array:
-    """y - predicted (ny,), or the system's own `difference` of the two: angles are a turn apart from themselves."""
-    own = getattr(system, "difference", None)
-    return y - predicted if own is None else own(y, predicted)
+    """How far the measurement y (ny,) is from the predicted one (ny,): the only such comparison.
+
+    The system's own `difference` if it has one (`WrappedMeasurements`), otherwise y - predicted.
+    """
+    if isinstance(system, WrappedMeasurements):
+        return system.difference(y, predicted)
+    return y - predicted
+
+
+def unwrapped_measurement(system: System, center: Array) -> Callable[[Array], Array]:
+    """c without the jumps of wrapped measurements, x (nx,) -> (ny,), continuous around `center`."""
+    if not isinstance(system, WrappedMeasurements):
+        return system.c
+    middle = system.c(center)
+    return lambda x: middle + measurement_difference(system, system.c(x), middle)
 
 
 def measurement_intensity(system: System, x: Array, dt: Array | float) -> Array:

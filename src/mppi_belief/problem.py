@@ -35,9 +35,7 @@ class Belief(NamedTuple):
 class System(Protocol):
     """Control-affine dynamics (1a) and measurement (1b).
 
-    A system whose measurements wrap, as angles do, also has `difference(y, predicted)`, (ny,) and (ny,) -> (ny,): how
-    far a measurement is from another, 0 where they are the same. Without it that is y - predicted. One whose sensor
-    can be turned has `aimed`, see `mppi_belief.belief.kalman.aimed`.
+    Optional abilities: `WrappedMeasurements` and `SteerableSensor`.
     """
 
     @property
@@ -65,6 +63,30 @@ class System(Protocol):
 
     def clearance(self, x: Array) -> Array:
         """Distance from x to the nearest obstacle surface, negative inside; inf without obstacles."""
+
+
+@runtime_checkable
+class WrappedMeasurements(Protocol):
+    """Optional ability of a system whose measurements wrap, as angles do."""
+
+    def difference(self, y: Array, predicted: Array) -> Array:
+        """How far y is from predicted, (ny,) and (ny,) -> (ny,): zero where both mean the same.
+
+        Systems without this method compare measurements by y - predicted.
+        """
+
+
+@runtime_checkable
+class SteerableSensor(Protocol):
+    """Optional ability of a system whose sensor follows the belief."""
+
+    def aimed(self, mean: Array, root: Array, dt: Array | float, sampled: bool) -> System:
+        """The system with the sensor chosen for a belief N(mean (nx,), root root' (nx, nx)).
+
+        The choice may depend on nothing else, since filter, plant and planner each make it. With
+        `sampled` the belief is the predicted one, before a measurement every dt; otherwise it is
+        that of (8) at t.
+        """
 
 
 @runtime_checkable
@@ -118,6 +140,25 @@ class Filter(Protocol):
 
     def update(self, problem: Problem, belief: Any, u: Array, y: Array, key: Array) -> Any:
         """The belief after control u (nu,) and the measurement y (ny,) that followed it."""
+
+
+class Correction(NamedTuple):
+    """What a Gaussian filter knows after a measurement."""
+
+    posterior: Any  # the belief after the measurement, with `mean` (nx,) and `cov` (nx, nx)
+    innovation: Array  # (ny,), the measurement less its forecast
+    innovation_cov: Array  # S (ny, ny), the covariance that the filter gives the innovation
+
+
+@runtime_checkable
+class GaussianFilter(Filter, Protocol):
+    """A filter whose update is a prediction and a correction, and which knows its innovations."""
+
+    def predict(self, problem: Problem, belief: Any, u: Array) -> Any:
+        """The belief one step after control u (nu,), before the measurement."""
+
+    def correct(self, problem: Problem, belief: Any, y: Array) -> Correction:
+        """The predicted belief corrected by the measurement y (ny,)."""
 
 
 class Controller(Protocol):

@@ -11,10 +11,9 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from .belief.gaussian import drawn_mode
 from .belief.kalman import aimed_ahead
+from .belief.prior import sample_prior
 from .discretise import euler_step, measurement_factor
-from .numerics.linalg import psd_factor
 from .numerics.normals import standard_normal
 from .problem import Belief, Controller, Filter, Problem
 
@@ -55,7 +54,7 @@ def closed_loop(
 ) -> tuple[Trial, Any]:
     """The same, and what `note` makes of each step's diagnostics, stacked over the steps."""
     plant, filtering, planning = (role_key(seed, trial, role) for role in (PLANT, FILTER, PLANNER))
-    start = draw_state(problem, jax.random.fold_in(plant, BEFORE))
+    start = sample_prior(problem, jax.random.fold_in(plant, BEFORE))
     first = filter.init(problem, jax.random.fold_in(filtering, BEFORE))
 
     def advance(carry: tuple, k: Array) -> tuple[tuple, tuple]:
@@ -99,12 +98,6 @@ def respond(
     problem = aimed_ahead(problem, belief, u)
     x, y = plant_step(problem, x, u, jax.random.fold_in(plant, k))
     return x, y, filter.update(problem, belief, u, y, jax.random.fold_in(filtering, k))
-
-
-def draw_state(problem: Problem, key: Array) -> Array:
-    """A state (nx,) from the prior."""
-    mean, cov = drawn_mode(problem, key)
-    return mean + psd_factor(cov)[0] @ standard_normal(key, mean.shape)
 
 
 def plant_step(problem: Problem, x: Array, u: Array, key: Array) -> tuple[Array, Array]:

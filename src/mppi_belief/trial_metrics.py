@@ -6,10 +6,10 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from .belief.kalman import forecast
-from .discretise import measurement_difference
+from .belief.kalman import aimed_ahead
+from .filters import EKF
 from .numerics.linalg import quadratic_form, squared_distance
-from .problem import Belief, Filter, Problem
+from .problem import Belief, Filter, GaussianFilter, Problem
 from .simulate import Trial
 
 
@@ -60,22 +60,30 @@ def metrics(problem: Problem, trial: Trial) -> Metrics:
 
 
 def consistency(problem: Problem, filter: Filter, trial: Trial) -> Consistency:
-    """Hold a trial's states and measurements against its beliefs, after each measurement.
+    """Compares a trial's states and measurements with its beliefs, after each measurement.
 
-    Measurements are forecast from the belief before by the filter itself, if it has `forecast(problem, belief, u)`, a
-    mean (ny,) and a covariance (ny, ny); else from that belief's mean and covariance as linearised.
+    Innovations and their covariances are those that the filter itself takes (`GaussianFilter`). For
+    other filters they are the extended Kalman filter's, for the mean and covariance of the belief.
     """
-    told = getattr(filter, "forecast", forecast)
-    before = Belief(*(part[:-1] for part in trial.beliefs))
-    expected, spread = jax.vmap(lambda belief, u: told(problem, belief, u))(before, trial.controls)
-    off = jax.vmap(lambda y, at: measurement_difference(problem.system, y, at))(
-        trial.measurements, expected
-    )
+    judge = filter if isinstance(filter, GaussianFilter) else EKF()
+
+    def innovation(belief: Belief, u: Array, y: Array) -> tuple[Array, Array]:
+        aimed_problem = aimed_ahead(problem, belief, u)
+        correction = judge.correct(aimed_problem, judge.predict(aimed_problem, belief, u), y)
+        return correction.innovation, correction.innovation_cov
+
+    before = Belief(trial.beliefs.mean[:-1], trial.beliefs.cov[:-1])
+    innovations, innovation_covs = jax.vmap(innovation)(before, trial.controls, trial.measurements)
     errors = trial.states[1:] - trial.beliefs.mean[1:]
-    return Consistency(_mean_square(errors, trial.beliefs.cov[1:]), _mean_square(off, spread))
+    return Consistency(
+        nees=_mean_squared_distance(errors, trial.beliefs.cov[1:]),
+        nis=_mean_squared_distance(innovations, innovation_covs),
+    )
 
 
-def _mean_square(deviations: Array, covs: Array) -> Array:
-    """The mean () of d' cov^-1 d over steps (T, n) and (T, n, n) with a regular covariance, nan without any."""
-    found = jax.vmap(squared_distance)(deviations, covs)
-    return jnp.nanmean(found)
+def _mean_squared_distance(deviations: Array, covs: Array) -> Array:
+    """Returns the mean () of d' cov^-1 d over steps (T, n) and (T, n, n) with a regular covariance.
+
+    The mean is nan where no covariance is regular.
+    """
+    return jnp.nanmean(jax.vmap(squared_distance)(deviations, covs))

@@ -15,6 +15,7 @@ import reference
 from helpers import float64, light_dark_problem, quick_jit
 from mppi_belief.belief import gaussian as gaussians
 from mppi_belief.belief import kalman as belief
+from mppi_belief.belief.prior import prior
 from mppi_belief.numerics.linalg import semidefinite_root
 
 PRECISIONS = {"float32": (nullcontext, np.float32), "float64": (float64, np.float64)}
@@ -51,16 +52,16 @@ def run(problem: mb.Problem, controls: Array, measurements: Array) -> mb.Belief:
     def step(
         at: gaussians.RootBelief, data: tuple[Array, Array]
     ) -> tuple[gaussians.RootBelief, mb.Belief]:
-        after = belief.correct(problem, belief.predict(problem, at, data[0]), data[1])
+        after = belief.correct(problem, belief.predict(problem, at, data[0]), data[1]).posterior
         return after, mb.Belief(after.mean, after.cov)
 
-    prior = gaussians.prior(problem)
-    start = gaussians.RootBelief(prior.mean, semidefinite_root(prior.cov))
+    mean, cov = prior(problem)
+    start = gaussians.RootBelief(mean, semidefinite_root(cov))
     return jax.lax.scan(step, start, (controls, measurements))[1]
 
 
 def test_prior_is_the_problems(light_dark, x64):
-    mean, cov = gaussians.prior(light_dark)
+    mean, cov = prior(light_dark)
     np.testing.assert_array_equal(mean, [1, 1, 0, 0])
     np.testing.assert_allclose(cov, np.diag([0.04, 0.04, 0.0025, 0.0025]), rtol=1e-15)
 

@@ -16,11 +16,13 @@ from cli_helpers import compose
 from helpers import assert_covariance, assert_mean, light_dark_problem, quick_jit, random_spd
 from linear_system import random_problem
 from mppi_belief.belief import cost as belief_cost
-from mppi_belief.belief.gaussian import MixtureBelief, RootBelief, prior, prior_mixture
+from mppi_belief.belief.gaussian import MixtureBelief, RootBelief
+from mppi_belief.belief.kalman import correct
+from mppi_belief.belief.prior import prior, prior_mixture, sample_prior
 from mppi_belief.errors import ConfigError
-from mppi_belief.filters.mixture import log_likelihood, reweighted
+from mppi_belief.filters.mixture import reweighted
+from mppi_belief.numerics.linalg import log_normal_density
 from mppi_belief.planning.path_integral import PlanInfo
-from mppi_belief.simulate import draw_state
 from mppi_belief.trial import check
 
 KEY = jax.random.key(4)
@@ -86,7 +88,7 @@ def test_moments_are_those_of_the_whole(x64, rng):
 def test_a_start_is_drawn_from_one_of_the_modes_as_often_as_its_weight_says(x64):
     problem = two_places()
     states = np.asarray(
-        quick_jit(jax.vmap(lambda key: draw_state(problem, key)))(jax.random.split(KEY, 20_000))
+        quick_jit(jax.vmap(lambda key: sample_prior(problem, key)))(jax.random.split(KEY, 20_000))
     )
     mean, cov = prior(problem)
     np.testing.assert_allclose(mean, problem.prior_mean + WEIGHTS @ MODES, rtol=1e-12)
@@ -103,7 +105,7 @@ def test_a_start_is_drawn_from_one_of_the_modes_as_often_as_its_weight_says(x64)
 def test_every_filter_starts_at_the_moments_of_the_modes(x64):
     problem = two_places()
     exact = prior(problem)
-    for filter in (mb.EKF(), mb.MixtureFilter()):
+    for filter in (mb.EKF(), mb.UKF(), mb.MixtureFilter()):
         belief = filter.init(problem, KEY)
         np.testing.assert_allclose(belief.mean, exact.mean, rtol=1e-12)
         np.testing.assert_allclose(belief.cov, exact.cov, atol=1e-12)
@@ -114,7 +116,7 @@ def test_every_filter_starts_at_the_moments_of_the_modes(x64):
 def test_one_mode_is_one_gaussian(scalar, x64):
     usual = scalar.problem()
     single = replace(usual, prior_modes=np.zeros((1, 1)))
-    np.testing.assert_array_equal(draw_state(usual, KEY), draw_state(single, KEY))
+    np.testing.assert_array_equal(sample_prior(usual, KEY), sample_prior(single, KEY))
     u, y = jnp.array([1.0]), jnp.array([1.3])
     exact, found = (
         update(problem, filter, filter.init(problem, KEY), u, y)
@@ -174,9 +176,9 @@ def test_how_much_measurements_scatter_tells_modes_apart(light_dark, x64):
     """log det S, with the noise of each place: two that are as far from a measurement, in the dark and in the light."""
     nothing = jnp.zeros((4, 4))
     for p_x, sigma in ((3.0, 2 / np.sqrt(2) + 0.1), (5.0, 0.1)):
-        found = log_likelihood(
-            light_dark, RootBelief(jnp.array([p_x, 1, 0, 0]), nothing), jnp.array([4.0, 1.0])
-        )
+        predicted = RootBelief(jnp.array([p_x, 1, 0, 0]), nothing)
+        _, innovation, innovation_cov = correct(light_dark, predicted, jnp.array([4.0, 1.0]))
+        found = log_normal_density(innovation, innovation_cov)
         expected = stats.norm(scale=sigma).logpdf([1.0, 0.0]).sum() + np.log(2 * np.pi)
         np.testing.assert_allclose(found, expected, rtol=1e-9)
 

@@ -8,8 +8,8 @@ from scipy.linalg import solve_continuous_are
 import mppi_belief as mb
 import reference
 from helpers import Scalar, light_dark_problem, quick_jit, random_spd
-from mppi_belief.belief import gaussian as gaussians
 from mppi_belief.belief import kalman as belief
+from mppi_belief.belief.prior import prior
 from mppi_belief.discretise import measurement_cov, measurement_intensity
 
 SHAPES = [(1, 1), (2, 1), (4, 2)]
@@ -78,7 +78,7 @@ def test_from_certainty_without_noise_nothing_happens():
 def test_the_scalar_steady_state_is_kept(scalar, x64):
     """What the exact tests of the controller rest on."""
     problem = scalar.problem()
-    found = gain_schedule(problem, gaussians.prior(problem), jnp.zeros((10, 1)), method="riccati")
+    found = gain_schedule(problem, prior(problem), jnp.zeros((10, 1)), method="riccati")
     np.testing.assert_allclose(found.cov.ravel(), scalar.variance, rtol=1e-12)
     np.testing.assert_allclose(
         found.diffusion.ravel(), scalar.temperature * scalar.b**2 / scalar.R, rtol=1e-12
@@ -132,9 +132,9 @@ def test_the_filters_diffusion_tends_to_the_continuous_one(x64):
 def test_filter_schedule_is_the_filter_that_sees_what_it_expects(convention, x64, rng):
     problem = light_dark_problem(system={"noise_convention": convention})
     controls = rng.normal(size=(STEPS, 2)) * 3
-    found = gain_schedule(problem, gaussians.prior(problem), jnp.asarray(controls))
+    found = gain_schedule(problem, prior(problem), jnp.asarray(controls))
     predict, correct = quick_jit(belief.predict), quick_jit(belief.correct)
-    at, dt = gaussians.prior(problem), problem.dt
+    at, dt = prior(problem), problem.dt
     assert [part.shape for part in found] == [
         (STEPS + 1, 4),
         (STEPS + 1, 4, 4),
@@ -145,10 +145,11 @@ def test_filter_schedule_is_the_filter_that_sees_what_it_expects(convention, x64
         np.testing.assert_allclose(found.mean[k], at.mean, atol=1e-12)
         np.testing.assert_allclose(found.cov[k], at.cov, atol=1e-12)
         ahead = predict(problem, at, jnp.asarray(u))
-        at = correct(problem, ahead, problem.system.c(ahead.mean))
+        at = correct(problem, ahead, problem.system.c(ahead.mean)).posterior
         # K (y - c) with an innovation of covariance S: the mean moves by K S K' = predicted - corrected
         np.testing.assert_allclose(found.diffusion[k] * dt, ahead.cov - at.cov, atol=1e-12)
-        moved = correct(problem, ahead, problem.system.c(ahead.mean) + jnp.array([1.0, 0.0]))
+        y = problem.system.c(ahead.mean) + jnp.array([1.0, 0.0])
+        moved = correct(problem, ahead, y).posterior
         np.testing.assert_allclose(found.gain[k][:, 0], moved.mean - ahead.mean, atol=1e-12)
         S = ahead.cov[:2, :2] + measurement_cov(problem.system, ahead.mean, dt)
         np.testing.assert_allclose(found.gain[k] @ S, ahead.cov[:, :2], atol=1e-12)
@@ -161,7 +162,7 @@ def test_only_noise_that_depends_on_the_state_lets_controls_move_the_covariance(
 ):
     problem = light_dark_problem(system={"noise_slope": 0.7 if steered else 0.0})
     idle, busy = (
-        gain_schedule(problem, gaussians.prior(problem), jnp.asarray(u), method=method)
+        gain_schedule(problem, prior(problem), jnp.asarray(u), method=method)
         for u in (np.zeros((STEPS, 2)), rng.normal(size=(STEPS, 2)) + 4)
     )
     assert np.abs(idle.mean[-1] - busy.mean[-1]).max() > 1
@@ -180,7 +181,7 @@ def test_diffusion_factors_have_as_many_columns_as_there_are_measurements(
     eps = np.finfo(np.float64 if precise else np.float32).eps
     problem = light_dark_problem()
     controls = jnp.asarray(rng.normal(size=(STEPS, 2)) + np.array([3, 0]))
-    found = gain_schedule(problem, gaussians.prior(problem), controls, method=method)
+    found = gain_schedule(problem, prior(problem), controls, method=method)
     L, ranks = quick_jit(belief.diffusion_factors)(found)
     for factor, D in zip(L, found.diffusion, strict=True):
         np.testing.assert_allclose(factor @ factor.T, D, atol=40 * eps * np.abs(D).max())
@@ -190,8 +191,7 @@ def test_diffusion_factors_have_as_many_columns_as_there_are_measurements(
 def test_scalar_schedule_does_not_care_for_controls(scalar: Scalar, x64, rng):
     problem = scalar.problem(noise_convention="sample")
     idle, busy = (
-        gain_schedule(problem, gaussians.prior(problem), u)
-        for u in (jnp.zeros((9, 1)), jnp.ones((9, 1)))
+        gain_schedule(problem, prior(problem), u) for u in (jnp.zeros((9, 1)), jnp.ones((9, 1)))
     )
     np.testing.assert_array_equal(idle.cov, busy.cov)
     np.testing.assert_array_equal(idle.diffusion, busy.diffusion)

@@ -12,7 +12,7 @@ from jax import Array
 import mppi_belief as mb
 import reference
 from helpers import CENTERS, light_dark_problem, quick_jit
-from mppi_belief.belief.gaussian import prior
+from mppi_belief.belief.prior import prior
 from mppi_belief.belief.schedule import diffusion_factors, gain_schedule
 
 KEY = jax.random.key(7)

@@ -12,6 +12,7 @@ from helpers import light_dark_problem, quick_jit
 from mppi_belief.belief import cost as belief_cost
 from mppi_belief.belief import gaussian as gaussians
 from mppi_belief.belief import kalman as belief
+from mppi_belief.belief.prior import prior
 from mppi_belief.planning.path_integral import PlanInfo
 
 KEY = jax.random.key(7)
@@ -24,7 +25,7 @@ PLAN = 0.3 * jax.random.normal(jax.random.key(1), (6, 2))
 def act(
     problem: mb.Problem, controller: mb.Controller, plan: Array = PLAN
 ) -> tuple[Array, Array, PlanInfo]:
-    return controller.act(problem, gaussians.prior(problem), plan, KEY)
+    return controller.act(problem, prior(problem), plan, KEY)
 
 
 @quick_jit
@@ -59,10 +60,10 @@ def test_each_path_is_charged_for_the_belief_that_its_own_filter_would_have(x64)
     controls = jax.random.normal(KEY, (6, 2, 2))
     costs, means = state_costs(problem, controls)
     for i in range(2):
-        at, total = gaussians.prior(problem), 0.0
+        at, total = prior(problem), 0.0
         for k in range(6):
             ahead = belief.predict(problem, at, controls[k, :, i])
-            at = belief.correct(problem, ahead, problem.system.c(ahead.mean))
+            at = belief.correct(problem, ahead, problem.system.c(ahead.mean)).posterior
             np.testing.assert_allclose(means[k, :, i], at.mean, rtol=1e-12)
             total += belief_cost.risk_sensitive(problem.cost, at.mean, at.cov, theta) * problem.dt
         total += belief_cost.expected_terminal(problem.cost, at.mean, at.cov)

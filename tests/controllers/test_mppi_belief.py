@@ -11,7 +11,7 @@ from jax import Array
 import mppi_belief as mb
 from helpers import assert_covariance, light_dark_problem, quick_jit
 from mppi_belief.belief import cost as belief_cost
-from mppi_belief.belief.gaussian import prior
+from mppi_belief.belief.prior import prior
 from mppi_belief.belief.schedule import gain_schedule
 from mppi_belief.planning import path_integral
 from mppi_belief.planning.path_integral import PlanInfo

@@ -15,7 +15,7 @@ from jax import Array
 import mppi_belief as mb
 import reference
 from helpers import SIGMAS, Scalar, assert_mean, quick_jit
-from mppi_belief.belief.gaussian import prior
+from mppi_belief.belief.prior import prior
 
 KEYS, SAMPLES = 200, 6000
 INNOVATION = {"diffusion": "innovation", "schedule": "riccati", "antithetic": False}

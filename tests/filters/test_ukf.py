@@ -75,9 +75,10 @@ def test_it_is_the_textbooks(x64, rng, name):
     mean, cov, expected, S = textbook(problem, np.asarray(start.mean), np.asarray(start.cov), u, y)
     np.testing.assert_allclose(after.mean, mean, atol=1e-10)
     np.testing.assert_allclose(after.cov, cov, atol=1e-10)
-    told = quick_jit(mb.UKF().forecast)(problem, start, u)
-    np.testing.assert_allclose(told[0], expected, atol=1e-10)
-    np.testing.assert_allclose(told[1], S, atol=1e-10)
+    predicted = quick_jit(mb.UKF().predict)(problem, start, u)
+    correction = quick_jit(mb.UKF().correct)(problem, predicted, y)
+    np.testing.assert_allclose(correction.innovation, y - expected, atol=1e-10)
+    np.testing.assert_allclose(correction.innovation_cov, S, atol=1e-10)
     assert np.linalg.eigvalsh(start.cov - after.cov).max() > 1e-3
 
 
@@ -154,6 +155,8 @@ def test_it_is_the_extended_filter_in_the_paper_s_system(x64):
 def test_bearings_behind_it_are_averaged_across_the_jump(x64):
     """Sigma points on both sides of a beacon's back see bearings a turn apart; their mean is between, not across."""
     problem = problem_of(beacons(anchor=[1.0, 1.0]), [1.0, -4.0, 0.0, 0.5], [0.3, 0.3, 0.1, 0.1])
-    told, S = quick_jit(mb.UKF().forecast)(problem, mb.UKF().init(problem, KEY), np.zeros(2))
-    assert abs(turned(np.asarray(told[1]) - np.pi / 2)) < 0.1
-    assert S[1, 1] < 0.2
+    predicted = quick_jit(mb.UKF().predict)(problem, mb.UKF().init(problem, KEY), np.zeros(2))
+    y = np.array([0.0, np.pi / 2, *np.zeros(4)])
+    correction = quick_jit(mb.UKF().correct)(problem, predicted, y)
+    assert abs(turned(np.asarray(correction.innovation[1]))) < 0.1
+    assert correction.innovation_cov[1, 1] < 0.2

@@ -9,13 +9,14 @@ import pytest
 
 import mppi_belief as mb
 from helpers import Feedback, quick_jit, random_spd
-from mppi_belief.belief.gaussian import prior
 from mppi_belief.belief.kalman import aimed_ahead, predict
+from mppi_belief.belief.prior import prior
 from mppi_belief.belief.schedule import gain_schedule
 from mppi_belief.filters import EKF
 from mppi_belief.matching.sensor import LEFT, matching_sensor
 from mppi_belief.matching.weights import matched_weight, residual
 from mppi_belief.simulate import simulate_trial
+from system_helpers import platform_problem
 
 TEMPERATURE, DT = 0.8, 0.1
 NX, NU = 4, 2
@@ -116,17 +117,6 @@ def test_fewer_measurements_than_controls_are_refused():
         matching_sensor(jnp.eye(3), jnp.ones((3, 2)), jnp.eye(2), 1.0, jnp.eye(1))
 
 
-def platform(**changes: object) -> mb.Problem:
-    """Two coupled oscillators, gusts on both."""
-    A = np.array([[0, 0, 1, 0], [0, 0, 0, 1], [-1, 0.3, -0.5, 0], [0.1, -1, 0, -0.5]])
-    G = np.eye(4)[:, 2:]
-    R = np.array([[5.0, 1.0], [1.0, 6.0]])
-    system = mb.Steered(A, G, np.eye(2, 4), 0.5 * G, [0.3, 0.2], R, 1.0, **changes)
-    none = mb.Obstacles(np.zeros((0, 2)), 0)
-    cost = mb.GoalObstacleCost(np.zeros(4), np.ones(4), np.ones(4), R, none, 0, 1)
-    return mb.Problem(system, cost, [0.3, 0, 0, 0.2], [0.4, 0.5, 0.5, 0.4], dt=DT, steps=12)
-
-
 @pytest.mark.parametrize(("method", "convention"), [("filter", "sample"), ("riccati", "intensity")])
 def test_matching_holds_along_a_schedule_and_only_with_the_selector(method, convention, x64):
     def largest(problem: mb.Problem) -> float:
@@ -134,7 +124,7 @@ def test_matching_holds_along_a_schedule_and_only_with_the_selector(method, conv
         W = matched_weight(problem.cost.R, 1.0)
         return jax.vmap(lambda D: residual(D, problem.system.G(D[0]), W))(schedule.diffusion).max()
 
-    problem = platform(noise_convention=convention, limit=1e6)
+    problem = platform_problem(noise_convention=convention, limit=1e6)
     assert quick_jit(largest)(problem) < 1e-12
     assert (
         quick_jit(largest)(
@@ -146,7 +136,7 @@ def test_matching_holds_along_a_schedule_and_only_with_the_selector(method, conv
 
 def test_the_plant_measures_with_the_sensor_that_the_filter_and_the_plan_have(x64):
     """A trial's measurements, less what the filter expected, over their covariance: with the filter's own C."""
-    problem, n = dataclasses.replace(platform(), steps=4), 300
+    problem, n = dataclasses.replace(platform_problem(), steps=4), 300
     trials = quick_jit(jax.vmap(lambda t: simulate_trial(problem, EKF(), Feedback(0.2), 3, t)))(
         jnp.arange(n)
     )
@@ -166,7 +156,7 @@ def test_the_plant_measures_with_the_sensor_that_the_filter_and_the_plan_have(x6
 
 
 def test_a_sensor_once_turned_stays():
-    problem = platform()
+    problem = platform_problem()
     turned = aimed_ahead(problem, prior(problem), jnp.zeros(2))
     assert turned.system.selector == "fixed"
     assert np.abs(np.asarray(turned.system.C) - np.eye(2, 4)).max() > 0.1

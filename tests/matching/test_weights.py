@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.linalg import solve_continuous_are, solve_discrete_are
 
 from helpers import float64, light_dark_problem, quick_jit, random_spd
-from mppi_belief.belief.gaussian import prior
+from mppi_belief.belief.prior import prior
 from mppi_belief.belief.schedule import gain_schedule
 from mppi_belief.matching.weights import (
     best_constant_weight,

@@ -13,7 +13,7 @@ from jax import Array
 import mppi_belief as mb
 from helpers import light_dark_problem, quick_jit
 from linear_system import lqr, random_problem
-from mppi_belief.belief.gaussian import prior, prior_mixture
+from mppi_belief.belief.prior import prior, prior_mixture
 from mppi_belief.numerics.normals import standard_normal
 from mppi_belief.planning import path_integral as pi
 from mppi_belief.planning import samplers as proposals

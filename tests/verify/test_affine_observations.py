@@ -70,7 +70,7 @@ def test_a_filter_that_uses_the_scatter_is_caught(x64, monkeypatch):
     correct = certificate.correct
 
     def shrewd(problem, belief, y):
-        after = correct(problem, belief, y)
+        after = correct(problem, belief, y).posterior
         cov = jnp.linalg.inv(jnp.linalg.inv(after.cov) + jnp.diag(jnp.array([1.0, 0, 0, 0])))
         return after._replace(root=jnp.linalg.cholesky(cov))
 

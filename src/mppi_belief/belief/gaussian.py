@@ -1,18 +1,14 @@
-"""What a belief is: one Gaussian with a root of its covariance, or several; and the prior, which is the first.
+"""What a belief is: one Gaussian with a root of its covariance, or several.
 
 Covariances are carried as roots, Sigma = root root', so that they stay semidefinite whatever is rounded.
 """
 
 from typing import Any, NamedTuple
 
-import jax
 import jax.numpy as jnp
 from jax import Array
 
 from ..numerics.linalg import semidefinite_root, symmetrise, triangular_root
-from ..problem import Belief, Problem
-
-LAST = 2**31 - 1  # what a key is folded with to be told from those folded with counts
 
 
 class RootBelief(NamedTuple):
@@ -57,35 +53,6 @@ class MixtureBelief(NamedTuple):
         return triangular_root(
             jnp.concatenate(list(columns * jnp.sqrt(self.weights)[:, None, None]), axis=1)
         )
-
-
-def prior(problem: Problem) -> Belief:
-    """The belief before any measurement, with the mean and the covariance of all modes if there are several."""
-    if problem.prior_modes is not None:
-        whole = prior_mixture(problem)
-        return Belief(whole.mean, whole.cov)
-    return Belief(jnp.asarray(problem.prior_mean), jnp.diag(jnp.asarray(problem.prior_std) ** 2))
-
-
-def prior_mixture(problem: Problem) -> MixtureBelief:
-    """The same with each mode by itself; one where the prior is one Gaussian."""
-    mean, root = jnp.asarray(problem.prior_mean), jnp.diag(jnp.asarray(problem.prior_std))
-    means = mean[None] if problem.prior_modes is None else mean + jnp.asarray(problem.prior_modes)
-    equal = jnp.ones(len(means), means.dtype)
-    weights = equal if problem.prior_weights is None else jnp.asarray(problem.prior_weights)
-    roots = jnp.broadcast_to(root, (len(means), *root.shape))
-    return MixtureBelief(means, roots, jnp.log(weights / jnp.sum(weights)))
-
-
-def drawn_mode(problem: Problem, key: Array, shape: tuple[int, ...] = ()) -> Belief:
-    """The modes of the prior that draws of it come from: means (*shape, nx), and the covariance (nx, nx) of
-    each; of one Gaussian its mean (nx,), whatever the shape."""
-    if problem.prior_modes is None:
-        return prior(problem)
-    modes = prior_mixture(problem)
-    # a key of its own: the draws' normals count from 0 under the one that is given
-    chosen = jax.random.categorical(jax.random.fold_in(key, LAST), modes.log_weights, shape=shape)
-    return Belief(modes.means[chosen], covariance(modes.roots[0]))
 
 
 def rooted(belief: Any) -> Array:

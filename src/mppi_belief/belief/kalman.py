@@ -17,76 +17,70 @@ import jax.numpy as jnp
 from jax import Array
 
 from ..discretise import euler_step, measurement_cov, measurement_difference
-from ..numerics.linalg import absorb, symmetrise, triangular_root
-from ..problem import Belief, Problem
+from ..numerics.linalg import absorb, triangular_root
+from ..problem import Belief, Correction, Problem, SteerableSensor
 from .gaussian import RootBelief, covariance, rooted
 
 
 def predict(problem: Problem, belief: Belief | RootBelief, u: Array) -> RootBelief:
-    """The belief one step later, before the measurement; u (nu,)."""
-    return RootBelief(*_ahead(problem, belief.mean, rooted(belief), u))
+    """Returns the belief one step after control u (nu,), before the measurement."""
+    return RootBelief(*_predict_moments(problem, belief.mean, rooted(belief), u))
 
 
-def _ahead(problem: Problem, mean: Array, root: Array, u: Array) -> tuple[Array, Array]:
-    """Mean and root one step later: F Sigma F' + Q dt is M M' with M = [F root, H sqrt(dt)]."""
+def _predict_moments(problem: Problem, mean: Array, root: Array, u: Array) -> tuple[Array, Array]:
+    """Returns mean and root one step later: F Sigma F' + Q dt = M M' with M = [F root, H sqrt(dt)]."""
     system, dt = problem.system, problem.dt
     F = jax.jacfwd(lambda x: euler_step(system, x, u, dt))(mean)
-    return euler_step(system, mean, u, dt), triangular_root(
-        jnp.hstack([F @ root, system.H * jnp.sqrt(dt)])
-    )
+    columns = jnp.hstack([F @ root, system.H * jnp.sqrt(dt)])
+    return euler_step(system, mean, u, dt), triangular_root(columns)
 
 
 def aimed(problem: Problem, mean: Array, root: Array, sampled: bool = True) -> Problem:
-    """The problem with its sensor turned for a belief N(mean, root root'), as it is where that cannot be.
+    """Returns the problem with its sensor turned for a belief N(mean, root root').
 
-    A system may have a method `aimed(mean, root, dt, sampled)` that returns the system with the observation it takes
-    of this belief, which may depend on nothing else: the filter, the plant and every plan ask here. `sampled`: the
-    belief is the predicted one, before a measurement every dt; otherwise it is that of (8) at t.
+    Systems without a `SteerableSensor` stay as they are; `sampled` is explained there.
     """
-    turn = getattr(problem.system, "aimed", None)
-    return (
-        problem if turn is None else replace(problem, system=turn(mean, root, problem.dt, sampled))
-    )
+    if not isinstance(problem.system, SteerableSensor):
+        return problem
+    return replace(problem, system=problem.system.aimed(mean, root, problem.dt, sampled))
 
 
 def aimed_ahead(problem: Problem, belief: Any, u: Array) -> Problem:
-    """The problem with its sensor turned for the measurement that follows control u (nu,)."""
-    if not hasattr(problem.system, "aimed"):
+    """Returns the problem with its sensor turned for the measurement that follows control u (nu,)."""
+    if not isinstance(problem.system, SteerableSensor):
         return problem
-    ahead = predict(problem, belief, u)
-    return aimed(problem, ahead.mean, ahead.root)
+    predicted = predict(problem, belief, u)
+    return aimed(problem, predicted.mean, predicted.root)
 
 
-def correct(problem: Problem, belief: Belief | RootBelief, y: Array) -> RootBelief:
-    """The belief after the measurement y (ny,), its noise taken at the predicted mean."""
-    problem = aimed(problem, belief.mean, rooted(belief))
-    mean, root, K, _ = _measured(problem, belief.mean, rooted(belief))
-    return RootBelief(
-        mean + K @ measurement_difference(problem.system, y, problem.system.c(mean)), root
-    )
-
-
-def _measured(problem: Problem, mean: Array, root: Array) -> tuple[Array, Array, Array, Array]:
-    """The mean as it is, and what `absorb` makes of a measurement linearised there."""
+def correct(problem: Problem, belief: Belief | RootBelief, y: Array) -> Correction:
+    """Corrects a predicted belief by the measurement y (ny,), its noise taken at the predicted mean."""
+    mean = belief.mean
+    root = rooted(belief)
     problem = aimed(problem, mean, root)
-    C, R_s = jax.jacfwd(problem.system.c)(mean), measurement_cov(problem.system, mean, problem.dt)
-    return mean, *absorb(root, C, R_s)
-
-
-def forecast(problem: Problem, belief: Belief | RootBelief, u: Array) -> tuple[Array, Array]:
-    """What the linearised filter expects to measure after u (nu,): c at the predicted mean (ny,), and the innovation's
-    covariance S = C (F Sigma F' + Q dt) C' + R_s (ny, ny)."""
-    problem = aimed_ahead(problem, belief, u)
-    system, dt = problem.system, problem.dt
-    ahead = euler_step(system, belief.mean, u, dt)
-    CF = jax.jacfwd(lambda x: system.c(euler_step(system, x, u, dt)))(belief.mean)
-    noise = jax.jacfwd(system.c)(ahead) @ system.H * jnp.sqrt(dt)
-    spread = symmetrise(CF @ belief.cov @ CF.T) + covariance(noise)
-    return system.c(ahead), spread + measurement_cov(system, ahead, dt)
+    C, R_s = _linearised_measurement(problem, mean)
+    corrected_root, gain, _ = absorb(root, C, R_s)
+    innovation = measurement_difference(problem.system, y, problem.system.c(mean))
+    posterior = RootBelief(mean + gain @ innovation, corrected_root)
+    factor = C @ root
+    return Correction(posterior, innovation, factor @ factor.T + R_s)
 
 
 def filter_step(
     problem: Problem, mean: Array, root: Array, u: Array
 ) -> tuple[Array, Array, Array, Array]:
-    mean, root, K, moves = _measured(problem, *_ahead(problem, mean, root, u))
-    return mean, root, K, covariance(moves) / problem.dt
+    """Returns the belief's step under control u (nu,) that does not depend on the measurement.
+
+    That is the predicted mean (nx,), the corrected root (nx, nx), the gain K (nx, ny) and the
+    diffusion D (nx, nx) of the mean.
+    """
+    mean, root = _predict_moments(problem, mean, root, u)
+    problem = aimed(problem, mean, root)
+    root, gain, moves = absorb(root, *_linearised_measurement(problem, mean))
+    return mean, root, gain, covariance(moves) / problem.dt
+
+
+def _linearised_measurement(problem: Problem, mean: Array) -> tuple[Array, Array]:
+    """Returns the Jacobian C (ny, nx) and the noise covariance R_s (ny, ny) at a mean (nx,)."""
+    C = jax.jacfwd(problem.system.c)(mean)
+    return C, measurement_cov(problem.system, mean, problem.dt)

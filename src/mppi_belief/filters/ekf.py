@@ -1,25 +1,32 @@
 """Extended Kalman filter: the Kalman filter where the system is linear (Prop. 2, Remark 3)."""
 
-import jax.numpy as jnp
 from jax import Array
 
-from ..belief import kalman as gaussian
-from ..belief.gaussian import RootBelief, prior_mixture
-from ..problem import Belief, Problem
+from ..belief import kalman
+from ..belief.gaussian import RootBelief
+from ..belief.prior import gaussian_prior
+from ..problem import Belief, Correction, Problem
 from ..structs import struct
 
 
 @struct
 class EKF:
-    """The discrete recursion of `mppi_belief.belief.kalman`, noise and Jacobians at the predicted mean."""
+    """Runs the recursion of `mppi_belief.belief.kalman`: noise and Jacobians at the predicted mean."""
 
     def init(self, problem: Problem, key: Array) -> RootBelief:
-        if problem.prior_modes is not None:
-            whole = prior_mixture(problem)
-            return RootBelief(whole.mean, whole.root)
-        return RootBelief(jnp.asarray(problem.prior_mean), jnp.diag(jnp.asarray(problem.prior_std)))
+        """Returns the Gaussian with the prior's moments."""
+        return gaussian_prior(problem)
+
+    def predict(self, problem: Problem, belief: Belief | RootBelief, u: Array) -> RootBelief:
+        """Returns the belief one step after control u (nu,), before the measurement."""
+        return kalman.predict(problem, belief, u)
+
+    def correct(self, problem: Problem, belief: Belief | RootBelief, y: Array) -> Correction:
+        """Corrects a predicted belief by the measurement y (ny,)."""
+        return kalman.correct(problem, belief, y)
 
     def update(
         self, problem: Problem, belief: Belief | RootBelief, u: Array, y: Array, key: Array
     ) -> RootBelief:
-        return gaussian.correct(problem, gaussian.predict(problem, belief, u), y)
+        """Returns the belief after control u (nu,) and the measurement y (ny,)."""
+        return self.correct(problem, self.predict(problem, belief, u), y).posterior

@@ -2,54 +2,53 @@
 
     log w_i += log N(y - c(mu_i); 0, S_i),    S_i = C_i Sigma_i C_i' + R_s(mu_i)
 
-with mu_i and Sigma_i predicted. Noise is taken at each component's own mean, so log det S_i counts: where the noise
-depends on the state, how far the measurements scatter tells the modes apart, too.
+with mu_i and Sigma_i predicted. The noise is taken at each component's own mean, so the term
+log det S_i matters: where the noise depends on the state, the scatter of the measurements also
+tells the modes apart.
 """
 
 import jax
 import jax.numpy as jnp
 from jax import Array
 
-from ..belief import kalman as gaussian
-from ..belief.gaussian import MixtureBelief, RootBelief, prior_mixture
-from ..discretise import measurement_cov
-from ..numerics.linalg import decorrelated
+from ..belief import kalman
+from ..belief.gaussian import MixtureBelief, RootBelief
+from ..belief.prior import prior_mixture
+from ..numerics.linalg import log_normal_density
 from ..problem import Problem
 from ..structs import struct
 
 
 @struct
 class MixtureFilter:
-    """As many components as the prior has modes; of one, it is the EKF."""
+    """Runs one EKF per mode of the prior and weighs them by the likelihood of the measurements.
+
+    With a single mode it is the EKF.
+    """
 
     def init(self, problem: Problem, key: Array) -> MixtureBelief:
+        """Returns the prior, mode by mode."""
         return prior_mixture(problem)
 
     def update(
         self, problem: Problem, belief: MixtureBelief, u: Array, y: Array, key: Array
     ) -> MixtureBelief:
-        """Each component by itself, then weighed by how likely it held the measurement."""
+        """Updates each component by itself, then its weight by the measurement's likelihood."""
 
-        def one(mean: Array, root: Array) -> tuple[RootBelief, Array]:
-            predicted = gaussian.predict(problem, RootBelief(mean, root), u)
-            return gaussian.correct(problem, predicted, y), log_likelihood(problem, predicted, y)
+        def update_component(mean: Array, root: Array) -> tuple[RootBelief, Array]:
+            predicted = kalman.predict(problem, RootBelief(mean, root), u)
+            posterior, innovation, innovation_cov = kalman.correct(problem, predicted, y)
+            return posterior, log_normal_density(innovation, innovation_cov)
 
-        components, logs = jax.vmap(one)(belief.means, belief.roots)
+        components, logs = jax.vmap(update_component)(belief.means, belief.roots)
         return MixtureBelief(components.mean, components.root, reweighted(belief.log_weights, logs))
 
 
-def log_likelihood(problem: Problem, predicted: RootBelief, y: Array) -> Array:
-    """log N(y - c(mu); 0, S) () up to a constant, for the measurement y (ny,) of a predicted belief."""
-    mean, system = predicted.mean, problem.system
-    seen = jax.jacfwd(system.c)(mean) @ predicted.root
-    S = seen @ seen.T + measurement_cov(system, mean, problem.dt)
-    innovation, variances = decorrelated((y - system.c(mean))[:, None], S)
-    spread = jnp.stack(variances)
-    return -0.5 * jnp.sum(innovation[:, 0] ** 2 / spread + jnp.log(spread))
-
-
 def reweighted(log_weights: Array, log_likelihoods: Array) -> Array:
-    """Normalised log-weights (m,); as they were where the measurement is beyond all components."""
+    """Returns normalised log-weights (m,) after a measurement.
+
+    They stay as they were where the measurement is impossible under all components.
+    """
     logs = log_weights + log_likelihoods
     usable = jnp.isfinite(logs)
     return jax.nn.log_softmax(

@@ -13,10 +13,10 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from ..belief.gaussian import drawn_mode
 from ..belief.particles import ParticleBelief, summarised
+from ..belief.prior import sample_prior
 from ..discretise import euler_step, measurement_cov, measurement_difference
-from ..numerics.linalg import log_det_spd, psd_factor, quadratic_form, spd_inverse
+from ..numerics.linalg import log_det_spd, quadratic_form, spd_inverse
 from ..numerics.normals import standard_normal
 from ..problem import Problem
 from ..structs import choice, number, size, struct
@@ -32,11 +32,9 @@ class ParticleFilter:
     noise_at: str = choice("particle", "mean")
 
     def init(self, problem: Problem, key: Array) -> ParticleBelief:
-        """Draws of the prior, equally weighted."""
-        means, cov = drawn_mode(problem, key, (self.n_particles,))
-        normals = standard_normal(key, (len(cov), self.n_particles))
-        means = means[:, None] if means.ndim == 1 else means.T
-        return summarised(means + psd_factor(cov)[0] @ normals, jnp.zeros(self.n_particles))
+        """Draws the particles from the prior, with equal weights."""
+        particles = sample_prior(problem, key, self.n_particles)
+        return summarised(particles, jnp.zeros(self.n_particles))
 
     def update(
         self, problem: Problem, belief: ParticleBelief, u: Array, y: Array, key: Array

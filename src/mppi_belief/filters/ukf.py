@@ -21,10 +21,11 @@ import numpy as np
 from jax import Array
 
 from ..belief.gaussian import RootBelief, covariance, rooted
+from ..belief.prior import gaussian_prior
 from ..discretise import euler_step, measurement_cov, measurement_difference
 from ..numerics.linalg import absorb, triangular_root
 from ..numerics.quadrature import rule
-from ..problem import Belief, Problem
+from ..problem import Belief, Correction, Problem
 from ..structs import struct
 
 MOST_STATES = 4  # up to which no weight of the rule of degree 5 is negative
@@ -41,28 +42,31 @@ class Regression(NamedTuple):
 
 @struct
 class UKF:
-    """Beliefs are roots, as the extended filter's."""
+    """Propagates mean and square root of the covariance by sigma points."""
 
     def init(self, problem: Problem, key: Array) -> RootBelief:
-        return RootBelief(jnp.asarray(problem.prior_mean), jnp.diag(jnp.asarray(problem.prior_std)))
+        """Returns the Gaussian with the prior's moments."""
+        return gaussian_prior(problem)
+
+    def predict(self, problem: Problem, belief: Belief | RootBelief, u: Array) -> RootBelief:
+        """Returns the belief one step after control u (nu,), before the measurement."""
+        return predicted(problem, belief, u)
+
+    def correct(self, problem: Problem, belief: Belief | RootBelief, y: Array) -> Correction:
+        """Corrects a predicted belief by the measurement y (ny,), by the linear regression of c."""
+        root = rooted(belief)
+        mean = belief.mean
+        fit = regression(problem, RootBelief(mean, root))
+        shrunk, gain, _ = absorb(jnp.eye(len(mean), dtype=mean.dtype), fit.slope.T, fit.noise)
+        innovation = measurement_difference(problem.system, y, fit.expected)
+        posterior = RootBelief(mean + root @ (gain @ innovation), root @ shrunk)
+        return Correction(posterior, innovation, covariance(fit.slope.T) + fit.noise)
 
     def update(
         self, problem: Problem, belief: Belief | RootBelief, u: Array, y: Array, key: Array
     ) -> RootBelief:
-        ahead = predicted(problem, belief, u)
-        fit = regression(problem, ahead)
-        shrunk, gain, _ = absorb(
-            jnp.eye(len(ahead.mean), dtype=ahead.mean.dtype), fit.slope.T, fit.noise
-        )
-        off = measurement_difference(problem.system, y, fit.expected)
-        return RootBelief(ahead.mean + ahead.root @ (gain @ off), ahead.root @ shrunk)
-
-    def forecast(
-        self, problem: Problem, belief: Belief | RootBelief, u: Array
-    ) -> tuple[Array, Array]:
-        """The next measurement's expectation (ny,) and covariance (ny, ny), as the update takes them."""
-        fit = regression(problem, predicted(problem, belief, u))
-        return fit.expected, covariance(fit.slope.T) + fit.noise
+        """Returns the belief after control u (nu,) and the measurement y (ny,)."""
+        return self.correct(problem, self.predict(problem, belief, u), y).posterior
 
 
 def sigma_points(nx: int) -> tuple[np.ndarray, np.ndarray]:

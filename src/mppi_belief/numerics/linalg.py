@@ -142,6 +142,13 @@ def squared_distance(x: Array, M: Array) -> Array:
     return jnp.where(regular, jnp.sum(apart[:, 0] ** 2 / jnp.where(regular, left, 1.0)), jnp.nan)
 
 
+def log_normal_density(x: Array, M: Array) -> Array:
+    """Returns log N(x; 0, M) () without its constant -n/2 log(2 pi), for x (n,) and definite M (n, n)."""
+    decoupled, variances = decorrelated(x[:, None], M)
+    spread = jnp.stack(variances)
+    return -0.5 * jnp.sum(decoupled[:, 0] ** 2 / spread + jnp.log(spread))
+
+
 def as_matrix(weight: Array) -> Array:
     """A weight given as a diagonal (n,) or a matrix (n, n), as a matrix."""
     weight = jnp.asarray(weight)

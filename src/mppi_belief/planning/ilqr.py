@@ -15,6 +15,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
+from ..belief.prior import prior
 from ..discretise import euler_step
 from ..numerics.linalg import quadratic_form, spd_inverse, symmetrise
 from ..problem import Problem
@@ -235,7 +236,7 @@ def still(problem: Problem, horizon: int) -> Policy:
     rest = Policy(
         jnp.zeros((horizon + 1, nx)), jnp.zeros((horizon, nu)), jnp.zeros((horizon, nu, nx))
     )
-    return follow(problem, rest, jnp.asarray(problem.prior_mean))
+    return follow(problem, rest, prior(problem).mean)
 
 
 def shifted(policy: Policy) -> Policy:

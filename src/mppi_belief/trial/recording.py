@@ -13,8 +13,9 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from ..belief.gaussian import covariance, prior
-from ..belief.kalman import predict
+from ..belief.gaussian import covariance
+from ..belief.kalman import aimed, predict
+from ..belief.prior import prior
 from ..belief.schedule import GainSchedule, gain_schedule
 from ..discretise import measurement_difference, measurement_factor
 from ..matching.affine import outside_mean_tangent
@@ -124,11 +125,12 @@ def _tangent(problem: Problem, result: Trial) -> dict[str, Any]:
 @jax.jit
 def _outside(problem: Problem, before: Belief, controls: Array) -> Array:
     """The part (T,) for beliefs (T, ...) and the controls (T, nu) that followed them."""
-    system, nx = problem.system, len(problem.prior_mean)
+    nx = len(problem.prior_mean)
     nodes = gaussian_nodes(nx, PER_AXIS if nx <= TENSOR_UP_TO else None)
 
     def at(given: tuple[Belief, Array]) -> Array:
         mean, root = predict(problem, *given)
+        system = aimed(problem, mean, root).system
         middle, units = system.c(mean), measurement_factor(system, mean, problem.dt)
 
         def seen(x: Array) -> Array:

@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..belief.gaussian import prior_mixture
+from ..belief.prior import prior_mixture
 from ..problem import Problem
 
 

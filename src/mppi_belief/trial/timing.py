@@ -6,7 +6,8 @@ from typing import Any
 
 import jax
 
-from ..simulate import BEFORE, FILTER, PLANNER, PLANT, draw_state, respond, role_key, seen
+from ..belief.prior import sample_prior
+from ..simulate import BEFORE, FILTER, PLANNER, PLANT, respond, role_key, seen
 from .build import Experiment, build
 from .device import computing
 
@@ -37,7 +38,7 @@ def _step_functions() -> tuple[Any, Any]:
 def _time_one_trial(parts: Experiment, seed: int, trial: int, act: Any, rest: Any) -> list[float]:
     problem, filter, controller = parts
     keys = [role_key(seed, trial, role) for role in (PLANT, FILTER, PLANNER)]
-    x = draw_state(problem, jax.random.fold_in(keys[PLANT], BEFORE))
+    x = sample_prior(problem, jax.random.fold_in(keys[PLANT], BEFORE))
     belief = filter.init(problem, jax.random.fold_in(keys[FILTER], BEFORE))
     plan, times = controller.init(problem), []
     if trial == 0:

@@ -12,8 +12,9 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from ..belief.gaussian import prior
+from ..belief.prior import prior
 from ..belief.schedule import GainSchedule, gain_schedule
+from ..discretise import unwrapped_measurement
 from ..errors import ConfigError
 from ..matching.affine import outside_mean_tangent
 from ..matching.weights import (
@@ -101,7 +102,8 @@ def _along(problem: Problem, controls: Array, means: Array) -> GainSchedule:
 def _affine(problem: Problem, path: _Path) -> list[Check]:
     """Whether f and c are affine, G and sigma_o constant, around the trial."""
     means = np.asarray(path.schedule.mean)
-    spread = np.maximum(np.maximum(np.asarray(problem.prior_std), means.std(axis=0)), FLAT)
+    prior_std = np.sqrt(np.diag(prior(problem).cov))
+    spread = np.maximum(np.maximum(prior_std, means.std(axis=0)), FLAT)
     places = means[np.linspace(0, len(means) - 1, PLACES).astype(int)]
     cov = np.diag(spread**2)
     states = places + spread * np.random.default_rng(0).normal(size=places.shape)
@@ -126,14 +128,18 @@ def _bent(
 ) -> dict[str, tuple[Array, Array, Array]]:
     """Of c and f at places (P, nx): the part outside the mean tangent space (P,), A (P, n, nx), the value (P, n)."""
 
-    def of(function: Callable[[Array], Array]) -> tuple[Array, Array, Array]:
-        nodes = (points, weights)
-        parts, A = jax.lax.map(
-            lambda mean: outside_mean_tangent(function, mean, cov, nodes), places
-        )
-        return parts, A, jax.vmap(function)(places)
+    system, nodes = problem.system, (points, weights)
 
-    return {"c": of(problem.system.c), "f": of(problem.system.f)}
+    def of(around: Callable[[Array], Callable[[Array], Array]]) -> tuple[Array, Array, Array]:
+        parts, A = jax.lax.map(
+            lambda mean: outside_mean_tangent(around(mean), mean, cov, nodes), places
+        )
+        return parts, A, jax.vmap(lambda mean: around(mean)(mean))(places)
+
+    return {
+        "c": of(lambda mean: unwrapped_measurement(system, mean)),
+        "f": of(lambda mean: system.f),
+    }
 
 
 @jax.jit

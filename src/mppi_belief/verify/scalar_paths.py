@@ -10,10 +10,11 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from ..belief.prior import sample_prior
 from ..costs import GoalObstacleCost
 from ..obstacles import Obstacles
 from ..problem import Belief, Filter, Problem, System
-from ..simulate import BEFORE, PLANT, draw_state, plant_step, role_key
+from ..simulate import BEFORE, PLANT, plant_step, role_key
 from ..structs import choice, number, struct
 from . import kushner
 from .kushner import Moments, Reals
@@ -75,7 +76,7 @@ def measured(problem: Problem, seed: int, path: Array) -> Array:
         u, k = given
         return plant_step(problem, x, u[None], jax.random.fold_in(key, k))
 
-    start = draw_state(problem, jax.random.fold_in(key, BEFORE))
+    start = sample_prior(problem, jax.random.fold_in(key, BEFORE))
     return jax.lax.scan(step, start, (controls, jnp.arange(problem.steps)))[1]
 
 

@@ -261,7 +261,7 @@ def _noise_level(rng: np.random.Generator) -> list[Check]:
     def sampled(x: Array) -> tuple[tuple[Array, Array], Array]:
         """What a measurement tells, and the covariance (nx, nx) that the filter has after it, from I before."""
         told = information(problem.system, x, problem.dt)
-        return told, correct(problem, Belief(x, jnp.eye(4)), problem.system.c(x)).cov
+        return told, correct(problem, Belief(x, jnp.eye(4)), problem.system.c(x)).posterior.cov
 
     told, after = quick_jit(jax.vmap(sampled))(means)
     intensity = quick_jit(jax.vmap(partial(information, light_dark("intensity"))))

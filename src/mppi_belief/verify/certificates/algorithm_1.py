@@ -24,7 +24,7 @@ import numpy as np
 from jax import Array
 from scipy.linalg import solve_discrete_are
 
-from ...belief.gaussian import prior
+from ...belief.prior import prior
 from ...belief.schedule import gain_schedule
 from ...controllers import LQG, MPPIBelief
 from ...costs import GoalObstacleCost

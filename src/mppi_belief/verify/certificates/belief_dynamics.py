@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from ...belief.gaussian import prior
+from ...belief.prior import prior
 from ...belief.riccati import kalman_bucy
 from ...belief.schedule import gain_schedule
 from ...filters import EKF, ParticleFilter

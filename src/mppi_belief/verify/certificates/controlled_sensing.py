@@ -21,7 +21,7 @@ import numpy as np
 from jax import Array
 from scipy.linalg import expm
 
-from ...belief.gaussian import prior
+from ...belief.prior import prior
 from ...belief.riccati import kalman_bucy
 from ...belief.schedule import GainSchedule, gain_schedule
 from ...costs import GoalObstacleCost

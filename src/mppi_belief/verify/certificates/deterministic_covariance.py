@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm, solve_continuous_are, solve_discrete_are
 
-from ...belief.gaussian import prior
 from ...belief.kalman import predict
+from ...belief.prior import prior
 from ...belief.riccati import kalman_bucy, riccati_rate
 from ...belief.schedule import GainSchedule, gain_schedule
 from ...controllers import LQG

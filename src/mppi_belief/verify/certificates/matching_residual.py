@@ -22,7 +22,7 @@ from jax import Array
 from scipy.linalg import solve_continuous_are
 from scipy.optimize import brentq
 
-from ...belief.gaussian import prior
+from ...belief.prior import prior
 from ...belief.schedule import gain_schedule
 from ...costs import GoalObstacleCost
 from ...matching.weights import ConstantWeight, best_constant_weight, best_weight, residual
