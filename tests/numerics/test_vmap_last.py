@@ -8,7 +8,7 @@ import pytest
 from helpers import light_dark_problem
 from mppi_belief.belief.kalman import filter_step
 from mppi_belief.discretise import euler_step
-from mppi_belief.numerics.scalarized import LARGEST, componentwise
+from mppi_belief.numerics.scalarized import LARGEST_TABLE, vmap_scalarized
 from mppi_belief.numerics.vmap_last import LARGEST_UNROLLED, vmap_last
 
 A = jnp.arange(12.0).reshape(3, 4) / 7 - 0.6
@@ -58,7 +58,7 @@ FUNCTIONS = {
 }
 
 
-@pytest.mark.parametrize("over_samples", [vmap_last, componentwise])
+@pytest.mark.parametrize("over_samples", [vmap_last, vmap_scalarized])
 @pytest.mark.parametrize("function", FUNCTIONS.values(), ids=FUNCTIONS)
 def test_it_is_vmap_on_the_last_axis(function, over_samples):
     x, u = (jax.random.normal(jax.random.key(i), (size, 5)) for i, size in enumerate((4, 2)))
@@ -92,7 +92,7 @@ def test_a_step_of_the_dynamics_moves_no_sample_to_another_axis():
     assert "[500," in str(jax.make_jaxpr(moved)(jnp.ones((4, 500)), jnp.ones((2, 500))))
 
 
-@pytest.mark.parametrize("over_samples", [vmap_last, componentwise])
+@pytest.mark.parametrize("over_samples", [vmap_last, vmap_scalarized])
 def test_the_number_of_samples_must_agree(over_samples):
     for other in (6, 1):
         with pytest.raises(ValueError, match="number of samples"):
@@ -101,7 +101,7 @@ def test_the_number_of_samples_must_agree(over_samples):
             )
 
 
-@pytest.mark.parametrize("over_samples", [vmap_last, componentwise])
+@pytest.mark.parametrize("over_samples", [vmap_last, vmap_scalarized])
 def test_a_product_has_the_type_asked_for(over_samples):
     a = jnp.full((4, 3), 100, jnp.int8)
     found = over_samples(lambda a: jnp.dot(a, a, preferred_element_type=jnp.int32), [True])(a)
@@ -111,7 +111,7 @@ def test_a_product_has_the_type_asked_for(over_samples):
 
 def test_a_filter_step_becomes_vectors_and_multiplies_with_nothing_that_is_known():
     problem = light_dark_problem()
-    step = componentwise(
+    step = vmap_scalarized(
         lambda mean, root, u: filter_step(problem, mean, root, u)[:2], (True, True, True)
     )
     text = str(jax.make_jaxpr(step)(jnp.ones((4, 9)), jnp.ones((4, 4, 9)), jnp.ones((2, 9))))
@@ -123,19 +123,19 @@ def test_a_filter_step_becomes_vectors_and_multiplies_with_nothing_that_is_known
 
 
 def test_what_is_known_to_be_nothing_takes_nothing_along():
-    found = componentwise(lambda x: jnp.diag(x) @ jnp.ones(2), (True,))(
+    found = vmap_scalarized(lambda x: jnp.diag(x) @ jnp.ones(2), (True,))(
         jnp.array([[jnp.inf], [1.0]])
     )
     np.testing.assert_array_equal(found, [[jnp.inf], [1.0]])  # 0 times infinity would be no number
 
 
 def test_large_matrices_are_left_to_the_other_map():
-    n = LARGEST // 6 + 1
+    n = LARGEST_TABLE // 6 + 1
     x = jax.random.normal(jax.random.key(0), (n, n, 3))
-    text = str(jax.make_jaxpr(componentwise(lambda x: x @ x, (True,)))(x))
+    text = str(jax.make_jaxpr(vmap_scalarized(lambda x: x @ x, (True,)))(x))
     assert f"f32[{n},{n},3]" in text
     np.testing.assert_allclose(
-        componentwise(lambda x: x @ x, (True,))(x),
+        vmap_scalarized(lambda x: x @ x, (True,))(x),
         jnp.einsum("ijn,jkn->ikn", x, x),
         rtol=1e-5,
         atol=1e-5,

@@ -15,7 +15,7 @@ from ..belief.cost import expected_terminal, risk_sensitive
 from ..belief.gaussian import RootBelief, covariance, rooted
 from ..belief.kalman import filter_step
 from ..belief.schedule import gain_schedule
-from ..numerics.scalarized import componentwise
+from ..numerics.scalarized import vmap_scalarized
 from ..planning import path_integral as pi
 from ..problem import Belief, Problem
 from ..structs import choice, number, size, struct
@@ -69,10 +69,11 @@ class JointBelief:
         def running(mean: Array, cov: Array) -> Array:
             return risk_sensitive(cost, mean, cov, self.theta, self.risk, self.expectation)
 
-        move = componentwise(
+        move = vmap_scalarized(
             lambda mean, root, u: filter_step(problem, mean, root, u)[:2], (True, True, True)
         )
-        spread, charged = componentwise(covariance, (True,)), componentwise(running, (True, True))
+        spread = vmap_scalarized(covariance, (True,))
+        charged = vmap_scalarized(running, (True, True))
 
         def advance(
             at: tuple[Array, Array, Array], u: Array
@@ -88,7 +89,7 @@ class JointBelief:
         (mean, root, total), means = jax.lax.scan(
             advance, (mean, root, jnp.zeros(samples)), controls
         )
-        last = componentwise(
+        last = vmap_scalarized(
             lambda mean, root: expected_terminal(cost, mean, covariance(root)), (True, True)
         )
         return total + last(mean, root), means
