@@ -109,4 +109,6 @@ def test_a_step_of_plain_arithmetic_needs_no_fallback(over_samples):
         jax.make_jaxpr(over_samples(step, (True, True)))(jnp.ones((4, 50)), jnp.ones((2, 50)))
     )
     assert "[50," not in text, f"{ADVICE}{over_samples.__name__} leaves operations to jax.vmap"
-    assert "dot_general" not in text, f"{ADVICE}{over_samples.__name__} leaves a product to jax.vmap"
+    assert "dot_general" not in text, (
+        f"{ADVICE}{over_samples.__name__} leaves a product to jax.vmap"
+    )
