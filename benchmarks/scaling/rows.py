@@ -8,6 +8,7 @@ import numpy as np
 
 import rounds
 from mppi_belief.results import table as results
+from mppi_belief.results.contents import read_rows
 
 from .sizes import Sizes
 
@@ -26,7 +27,7 @@ def measure(sizes: Sizes, folder: Path) -> dict[str, Any]:
         cell = folder / f"belief-{count:012d}"
         write = sum(_write(cell, index * count, count) for index in range(files))
         start_time = time.perf_counter()
-        read = len(results.read_rows(cell))
+        read = len(read_rows(cell))
         seconds = time.perf_counter() - start_time
         if read != files * count:
             raise RuntimeError(f"{read} of {files * count} rows were read")

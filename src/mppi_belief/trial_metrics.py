@@ -1,7 +1,5 @@
 """Metrics of a trial: cost (2), collisions, and the consistency of its filter."""
 
-from typing import NamedTuple
-
 import jax
 import jax.numpy as jnp
 from jax import Array
@@ -10,33 +8,8 @@ from .belief.kalman import aimed_ahead
 from .filters import EKF
 from .numerics.linalg import quadratic_form, squared_distance
 from .problem import Belief, Filter, GaussianFilter, Problem
+from .results.columns import Consistency, Metrics
 from .simulate import Trial
-
-
-class Metrics(NamedTuple):
-    """What a trial is judged by; each (). Costs are of eq. (2) on the true state, penalties left out,
-    the integral as sum_k (base(x_k) + 1/2 u_k' R u_k) dt over k = 0..T-1."""
-
-    cost: Array
-    running_cost: Array
-    terminal_cost: Array
-    collided: Array
-    clearance: Array
-    final_distance: Array
-    ess: Array
-
-
-class Consistency(NamedTuple):
-    """Whether errors are as large as the filter says, means over a trial's T steps; each ().
-
-    nees   (x - mean)' cov^-1 (x - mean), about nx where the belief is that of the state
-    nis    d' S^-1 d for the difference d of a measurement from its forecast and its covariance S, about ny
-
-    Steps of which the covariance is singular are left out; nan where that is all of them.
-    """
-
-    nees: Array
-    nis: Array
 
 
 def metrics(problem: Problem, trial: Trial) -> Metrics:

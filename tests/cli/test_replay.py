@@ -227,7 +227,7 @@ def test_differences_are_of_bits():
         "steps",
         "error",
     ]
-    assert named(row(0, nees=None, nis=2.0), row(0, nees=4.0, nis=3.0)) == ["nis"]
+    assert named(row(0, nees=None, nis=2.0), row(0, nees=4.0, nis=3.0)) == ["nees", "nis"]
     assert named(row(0, nees=math.nan, collided=None), row(0, nees=4.0, collided=True)) == [
         "collided",
         "nees",

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import pandas as pd
 
 from cli_helpers import COMMAND
-from mppi_belief.results import table as results
+from mppi_belief.results.contents import read_rows
 from study_helpers import poll
 
 MINE = str(Path(__file__).parent / "mine")
@@ -46,7 +46,7 @@ def run(folder: Path, *args: str, n_trials: int = TRIALS) -> Ended:
 def rows(folder: Path) -> pd.DataFrame:
     """The rows of the only cell."""
     (cell,) = (folder / "results").iterdir()
-    return results.read_rows(cell)
+    return read_rows(cell)
 
 
 def parts(folder: Path) -> list[Path]:

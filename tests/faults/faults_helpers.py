@@ -15,6 +15,7 @@ import pandas as pd
 from cli_helpers import COMMAND, TIMEOUT, started
 from gate_helpers import EVERYTHING, GATED, Gate
 from mppi_belief.results import table as results
+from mppi_belief.results.contents import read_rows
 from study_helpers import members, poll
 
 N_TRIALS = 30
@@ -92,8 +93,7 @@ class Run:
             return {}
         unreadable: list[str] = []
         rows = {
-            cell.name: results.read_rows(cell, unreadable.append)
-            for cell in sorted(self.root.iterdir())
+            cell.name: read_rows(cell, unreadable.append) for cell in sorted(self.root.iterdir())
         }
         assert unreadable == []
         return rows

@@ -24,7 +24,7 @@ from mppi_belief.config.cell import Cell
 from mppi_belief.report import figures, published
 from mppi_belief.report.cell_results import METHOD_NAMES, CellResults
 from mppi_belief.report.figures import plane, points, style
-from mppi_belief.results import table as results
+from mppi_belief.results.columns import COLUMNS
 from report_helpers import PATH_COLUMNS
 from study_helpers import config, failed_row, row
 
@@ -107,7 +107,7 @@ def found(
 ) -> CellResults:
     """A cell with n good trials, `kept` of them with paths, and some bad ones."""
     rows = pd.DataFrame(
-        [*judged(n, hits, np.random.default_rng(seed)), *bad], columns=[*results._TYPES]
+        [*judged(n, hits, np.random.default_rng(seed)), *bad], columns=list(COLUMNS)
     )
     nx = 4 if scene is None else 2 * len(scene["start"])
     paths = pd.DataFrame(

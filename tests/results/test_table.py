@@ -1,7 +1,6 @@
 """Results on disk: nothing is lost or half written, and what cannot be read is named."""
 
 import errno
-import json
 import math
 from pathlib import Path
 
@@ -14,9 +13,9 @@ import pytest
 from cli_helpers import files_in
 from mppi_belief.results import files
 from mppi_belief.results import table as results
-from mppi_belief.results.compact import compact
-from mppi_belief.results.contents import read_cell, row_of
+from mppi_belief.results.contents import read_cell, read_rows
 from mppi_belief.results.provenance import provenance
+from mppi_belief.results.sources import sources_of
 from results_helpers import EXTREMES, bits
 from study_helpers import failed_row, row
 
@@ -31,7 +30,7 @@ def written(folder: Path, *rows: dict) -> Path:
 
 def test_numbers_come_back_bit_for_bit(tmp_path):
     path = written(tmp_path, *(row(trial, cost=value) for trial, value in enumerate(EXTREMES)))
-    assert bits(results.read_rows(tmp_path)["cost"].tolist()) == bits(EXTREMES)
+    assert bits(read_rows(tmp_path)["cost"].tolist()) == bits(EXTREMES)
     assert pq.read_table(path)["cost"].null_count == 0
 
 
@@ -40,7 +39,7 @@ def test_text_booleans_and_nothing_come_back(tmp_path):
     path = written(tmp_path, row(0, collided=True), lost, row(2, collided=False))
     (_, back, _) = pq.read_table(path).to_pylist()
     assert (back["collided"], back["error"], back["steps"]) == (None, lost["error"], 0)
-    rows = results.read_rows(tmp_path)
+    rows = read_rows(tmp_path)
     assert [rows["collided"][0], rows["collided"][2]] == [True, False]
     assert pd.isna(rows["collided"][1])
     assert rows["status"].tolist() == ["ok", "error", "ok"]
@@ -60,7 +59,7 @@ def test_swept_settings_are_columns_of_their_own(tmp_path):
         key: [swept[key]] * 2 for key in swept
     }
     written(tmp_path, row(2, **{"planner.horizon": 7}))
-    assert results.read_rows(tmp_path)["trial"].tolist() == [0, 1, 2]
+    assert read_rows(tmp_path)["trial"].tolist() == [0, 1, 2]
 
 
 def test_a_file_says_where_it_comes_from(tmp_path):
@@ -101,7 +100,7 @@ def test_trajectories_come_back_in_order_and_once(tmp_path):
     results.write_paths(tmp_path, steps(1) + steps(4))
     results.write_paths(tmp_path, steps(0))
     results.write_paths(tmp_path, steps(0) + steps(1))
-    found = results.read_paths(tmp_path)
+    found = read_cell(tmp_path).steps
     assert list(zip(found["trial"], found["step"], strict=True)) == [
         (t, k) for t in (0, 1, 4) for k in range(3)
     ]
@@ -125,9 +124,9 @@ def test_small_files_come_back_and_a_missing_or_broken_one_is_none(tmp_path):
 
 def test_a_folder_without_results_has_no_rows(tmp_path):
     for folder in (tmp_path, tmp_path / "missing"):
-        assert results.read_rows(folder).empty
-        assert results.read_paths(folder).empty
-        assert list(results.read_rows(folder)["trial"]) == []
+        assert read_rows(folder).empty
+        assert read_cell(folder).steps.empty
+        assert list(read_rows(folder)["trial"]) == []
 
 
 @pytest.mark.parametrize("old", [False, True])
@@ -152,7 +151,7 @@ def test_leftovers_of_a_killed_writer_are_ignored(tmp_path):
     path = written(tmp_path, row(0))
     (tmp_path / f".tmp-99999-{path.name}").write_bytes(path.read_bytes()[:40])
     warnings: list[str] = []
-    assert results.read_rows(tmp_path, warnings.append)["trial"].tolist() == [0]
+    assert read_rows(tmp_path, warnings.append)["trial"].tolist() == [0]
     assert warnings == []
 
 
@@ -161,7 +160,7 @@ def test_of_a_trial_found_twice_the_good_row_counts(tmp_path):
     written(tmp_path, bad, row(2, cost=5.0))
     written(tmp_path, row(1, cost=7.0), row(3), row(4))
     written(tmp_path, failed_row({}, 3, "error", "oh"), failed_row({}, 5, "error", "oh"))
-    rows = results.read_rows(tmp_path)
+    rows = read_rows(tmp_path)
     assert rows["trial"].tolist() == [1, 2, 3, 4, 5]
     assert rows["status"].tolist() == ["ok"] * 4 + ["error"]
     assert rows["cost"].tolist()[:2] == [7.0, 5.0]
@@ -177,7 +176,7 @@ def test_what_is_no_results_file_is_named_and_left_out(tmp_path):
         pa.table({"trial": [7], "note": ["not ours"]}), tmp_path / "part-foreign.parquet"
     )
     warnings: list[str] = []
-    assert results.read_rows(tmp_path, warnings.append)["trial"].tolist() == [0, 1]
+    assert read_rows(tmp_path, warnings.append)["trial"].tolist() == [0, 1]
     for name in ("empty", "torn", "noise", "foreign"):
         (line,) = [line for line in warnings if f"part-{name}.parquet" in line]
         assert "left out" in line
@@ -189,13 +188,13 @@ def test_what_is_no_results_file_is_named_and_left_out(tmp_path):
 def test_a_damaged_byte_changes_nothing_or_is_noticed(part, tmp_path):
     whole = written(tmp_path, *(row(trial) for trial in range(50)))
     before, content = (
-        results.result_hash(results.read_rows(tmp_path)),
+        results.result_hash(read_rows(tmp_path)),
         bytearray(whole.read_bytes()),
     )
     content[len(content) * part // 10] ^= 1
     whole.write_bytes(content)
     warnings: list[str] = []
-    rows = results.read_rows(tmp_path, warnings.append)
+    rows = read_rows(tmp_path, warnings.append)
     assert len(warnings) == 1 if rows.empty else results.result_hash(rows) == before
 
 
@@ -206,11 +205,11 @@ def test_changed_values_in_a_whole_file_are_noticed(tmp_path):
     pq.write_table(table.set_column(at, "cost", pa.array([0.5, 4.0])), path)
     assert pq.read_table(path).schema.metadata
     warnings: list[str] = []
-    assert results.read_rows(tmp_path, warnings.append).empty
+    assert read_rows(tmp_path, warnings.append).empty
     assert "not those that were written" in warnings[0]
 
 
-def test_a_file_of_another_cell_or_of_a_newer_format_is_named_and_left_out(tmp_path, monkeypatch):
+def test_a_file_of_another_cell_or_of_another_format_is_named_and_left_out(tmp_path, monkeypatch):
     mine, other, newer = (tmp_path / name for name in ("mine", "other", "newer"))
     whole = written(mine, row(0), row(1))
     other.mkdir()
@@ -219,7 +218,7 @@ def test_a_file_of_another_cell_or_of_a_newer_format_is_named_and_left_out(tmp_p
     written(newer, row(0))
     monkeypatch.undo()
     warnings: list[str] = []
-    assert [len(results.read_rows(folder, warnings.append)) for folder in (mine, other, newer)] == [
+    assert [len(read_rows(folder, warnings.append)) for folder in (mine, other, newer)] == [
         2,
         0,
         0,
@@ -228,48 +227,6 @@ def test_a_file_of_another_cell_or_of_a_newer_format_is_named_and_left_out(tmp_p
         True,
         True,
     ]
-
-
-def test_files_of_the_first_format_are_still_read(tmp_path):
-    path = written(tmp_path, row(0), row(1), row(4))
-    about = {"format": 1, "commit": "a", "config": {"seed": 3}}
-    pq.write_table(
-        pq.read_table(path).replace_schema_metadata({b"mppi-belief": json.dumps(about)}), path
-    )
-    assert results.read_rows(tmp_path)["trial"].tolist() == [0, 1, 4]
-    expected = {"trials": [[0, 1], [4, 4]], **about}
-    assert results.sources_of(results.read_parts(tmp_path), [1]) == [expected]
-    assert results.sources_of(results.read_parts(tmp_path), [2, 3]) == []
-
-
-def older(path: Path) -> None:
-    """The same file as format 2 had it: without what came with format 3."""
-    about, table = results.read_table(path)
-    table = table.drop_columns(["nees", "nis"]).replace_schema_metadata()
-    told = {**about, "format": 2, "digest": results.table_digest(table)}
-    pq.write_table(table.replace_schema_metadata({b"mppi-belief": json.dumps(told)}), path)
-
-
-def test_files_of_the_second_format_are_still_read_their_new_columns_empty(tmp_path):
-    older(written(tmp_path, row(0, cost=7.0), row(1)))
-    written(tmp_path, row(2))
-    warnings: list[str] = []
-    rows = results.read_rows(tmp_path, warnings.append)
-    assert warnings == []
-    assert rows["cost"].tolist()[0] == 7.0
-    assert rows["nees"].isna().tolist() == rows["nis"].isna().tolist() == [True, True, False]
-    assert {stored.about["format"] for stored in results.read_parts(tmp_path)} == {2, 3}
-
-
-def test_old_and_new_files_become_one(tmp_path):
-    older(written(tmp_path, row(0), row(1)))
-    written(tmp_path, row(2))
-    before = results.read_rows(tmp_path)
-    assert compact(tmp_path).problems == []
-    (path,) = tmp_path.iterdir()
-    assert results.read_table(path)[0]["format"] == results.FORMAT_VERSION == 3
-    assert results.result_hash(results.read_rows(tmp_path)) == results.result_hash(before)
-    assert row_of(read_cell(tmp_path), 0)[0]["nees"] is None
 
 
 def test_paths_that_are_torn_or_not_ours_are_named_and_left_out(tmp_path):
@@ -289,8 +246,9 @@ def test_paths_that_are_torn_or_not_ours_are_named_and_left_out(tmp_path):
         pa.table({"trial": [7], "step": [0], "state": [[1.0]]}), tmp_path / "paths-foreign.parquet"
     )
     written(tmp_path, row(0))  # a table of another kind
-    warnings: list[str] = []
-    found = results.read_paths(tmp_path, warnings.append)
+    contents = read_cell(tmp_path)
+    found = contents.steps
+    warnings = contents.problems
     assert list(zip(found["trial"], found["step"], strict=True)) == [(2, 0), (2, 1), (2, 2)]
     assert [*found.columns] == ["trial", "step", "state", "mean", "cov", "control"]
     assert [
@@ -305,11 +263,11 @@ def test_paths_that_are_torn_or_not_ours_are_named_and_left_out(tmp_path):
     assert len(warnings) == 3
     assert all("left out" in line and len(line.splitlines()) == 1 for line in warnings)
     whole.unlink()
-    assert results.read_paths(tmp_path).empty
+    assert read_cell(tmp_path).steps.empty
 
 
 def test_sources_are_those_of_the_files_that_can_be_read_and_hold_these_trials(tmp_path):
-    assert results.sources_of(results.read_parts(tmp_path / "missing"), range(9)) == []
+    assert sources_of(read_cell(tmp_path / "missing"), range(9)) == []
     for trial, commit in ((5, "b"), (0, "a")):
         results.write_rows(tmp_path, [row(trial)], {"commit": commit, "elapsed": 1.5})
     (whole, _) = sorted(tmp_path.glob("part-*"))
@@ -327,9 +285,9 @@ def test_sources_are_those_of_the_files_that_can_be_read_and_hold_these_trials(t
         {"trials": [[trial, trial]], "commit": commit, "elapsed": 1.5}
         for trial, commit in ((0, "a"), (5, "b"))
     )
-    assert results.sources_of(results.read_parts(tmp_path), range(9)) == [first, second]
-    assert results.sources_of(results.read_parts(tmp_path), range(5)) == [first]
-    assert results.sources_of(results.read_parts(tmp_path), [5]) == [second]
+    assert sources_of(read_cell(tmp_path), range(9)) == [first, second]
+    assert sources_of(read_cell(tmp_path), range(5)) == [first]
+    assert sources_of(read_cell(tmp_path), [5]) == [second]
 
 
 def test_a_place_that_can_be_written_is_made_and_left_empty(tmp_path):
@@ -385,6 +343,6 @@ def test_the_hash_does_not_depend_on_order_files_or_other_columns(tmp_path):
     written(tmp_path / "a", *rows)
     written(tmp_path / "b", *rows[5:])
     written(tmp_path / "b", *rows[:5][::-1])
-    hashes = {results.result_hash(results.read_rows(tmp_path / name)) for name in "ab"}
+    hashes = {results.result_hash(read_rows(tmp_path / name)) for name in "ab"}
     hashes.add(results.result_hash(pd.DataFrame(rows[::-1])))
     assert len(hashes) == 1

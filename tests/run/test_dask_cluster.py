@@ -15,6 +15,7 @@ import pytest
 from mppi_belief.config.cell import Cell
 from mppi_belief.errors import ConfigError
 from mppi_belief.results import table as results
+from mppi_belief.results.contents import read_rows
 from mppi_belief.run import dask as cluster
 from mppi_belief.run import executors
 from mppi_belief.run.dask import Cluster, Site, run_there
@@ -292,7 +293,7 @@ def test_real_workers_one_of_which_is_killed_give_the_same_results(tmp_path):
             [cell], Order(40, seconds=60.0), tmp_path / kind, task, workers, ["test"]
         )
         assert outcome.ran == {cell.id: 40}
-        hashes[kind] = results.result_hash(results.read_rows(tmp_path / kind / cell.id))
+        hashes[kind] = results.result_hash(read_rows(tmp_path / kind / cell.id))
     assert flag.exists()
     assert hashes["dask"] == hashes["local"]
-    assert {*results.read_rows(tmp_path / "dask" / cell.id)["status"]} == {"ok"}
+    assert {*read_rows(tmp_path / "dask" / cell.id)["status"]} == {"ok"}

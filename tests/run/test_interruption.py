@@ -12,6 +12,7 @@ import pytest
 from cli_helpers import TIMEOUT, Said, command, started
 from gate_helpers import GATED, Gate
 from mppi_belief.results import table as results
+from mppi_belief.results.contents import read_cell, read_rows
 from study_helpers import members, poll
 
 N_TRIALS = 400
@@ -47,7 +48,7 @@ def part_files(folder: Path) -> set[Path]:
 
 def rows(folder: Path) -> Any:
     (cell,) = (folder / "outputs" / "results").iterdir()
-    return results.read_rows(cell)
+    return read_rows(cell)
 
 
 def interrupt(folder: Path, gate: Gate, how: Callable[[int], None]) -> Interrupted:
@@ -131,7 +132,7 @@ def test_results_are_the_same_bits_with_one_or_two_workers_in_one_or_many_runs(s
         next((folder / "outputs" / "results").iterdir()) for folder in (story.folder, undisturbed)
     ]
     assert names[0].name == names[1].name
-    one, other = (results.read_paths(cell) for cell in names)
+    one, other = (read_cell(cell).steps for cell in names)
     assert len(one) == 50 * (STEPS + 1)
     for column in ("trial", "step", "state", "mean", "cov", "control"):
         np.testing.assert_array_equal(np.vstack(one[column]), np.vstack(other[column]))

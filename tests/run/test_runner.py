@@ -16,6 +16,7 @@ from mppi_belief.config.cell import Cell
 from mppi_belief.errors import ConfigError
 from mppi_belief.results import files
 from mppi_belief.results import table as results
+from mppi_belief.results.contents import read_rows
 from mppi_belief.run import writer as ledger
 from mppi_belief.run.local import Lanes
 from mppi_belief.run.pool import Pool
@@ -67,7 +68,7 @@ class Study:
         )
 
     def rows(self, cell: Cell) -> Any:
-        return results.read_rows(self.root / cell.id)
+        return read_rows(self.root / cell.id)
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from mppi_belief.errors import ConfigError
-from mppi_belief.results.provenance import where
+from mppi_belief.results.provenance import machine
 from mppi_belief.run.worker import Lost, Overtime, Report, Setup, enter, run_chunk, within
 from study_helpers import answer, config
 
@@ -56,7 +56,7 @@ def test_an_exception_is_text_and_the_rest_is_run():
     report = run_chunk(answer, config(raises=1), range(3), 60.0)
     lost = Lost("error", "ValueError: trial 1 is cursed")
     assert report == Report(
-        [((0,), [(0, 0)]), ((1,), lost), ((2,), [(0, 2)])], where(), report.seconds
+        [((0,), [(0, 0)]), ((1,), lost), ((2,), [(0, 2)])], machine(), report.seconds
     )
     assert 0 < report.seconds < 60
 
@@ -81,5 +81,5 @@ def test_it_takes_over_paths_and_variables(monkeypatch):
 
 
 def test_it_says_where_it_is():
-    assert set(where()) == {"host", "platform", "processor"}
-    assert all(where().values())
+    assert set(machine()) == {"host", "platform", "processor"}
+    assert all(machine().values())

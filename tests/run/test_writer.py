@@ -10,7 +10,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from mppi_belief.config.cell import Cell
-from mppi_belief.results import table as results
+from mppi_belief.results.contents import read_cell, read_rows
 from mppi_belief.run import writer as ledger
 from mppi_belief.run.pool import Done
 from mppi_belief.run.task import Task
@@ -77,7 +77,7 @@ def test_the_first_results_are_written_after_a_moment_and_later_ones_wait_longer
     assert len(parts(tmp_path)) == len(waited) < 120
     kept.write()
     (folder,) = tmp_path.iterdir()
-    assert results.read_rows(folder)["trial"].tolist() == list(range(4000))
+    assert read_rows(folder)["trial"].tolist() == list(range(4000))
 
 
 def test_it_never_waits_longer_than_it_may(kept, clock, tmp_path):
@@ -105,7 +105,7 @@ def test_each_cell_has_its_file_and_each_place_its_source(kept, clock, tmp_path)
         for source in sources
     ]
     assert told == [("here", [[0, 2]], "a", 7.0), ("there", [[5, 5]], "a", 7.0)]
-    assert results.read_rows(second)["trial"].tolist() == [3]
+    assert read_rows(second)["trial"].tolist() == [3]
     assert sources[0]["config"] == config()
 
 
@@ -122,11 +122,11 @@ def test_lost_trials_have_their_row_and_the_first_scene_stays(kept, tmp_path):
         ]
         kept.keep(Done(cell, (trial,), Batch([row(trial)], steps, {"dt": dt}), HERE))
     kept.write()
-    rows = results.read_rows(tmp_path / cell.id)
+    rows = read_rows(tmp_path / cell.id)
     assert rows["status"].tolist() == ["ok", "ok", "timeout"]
     assert rows["error"].tolist()[2] == "not done after 1 s"
     assert json.loads((tmp_path / cell.id / "scene.json").read_text())["dt"] == 0.1
-    assert results.read_paths(tmp_path / cell.id)["trial"].tolist() == [0, 1]
+    assert read_cell(tmp_path / cell.id).steps["trial"].tolist() == [0, 1]
     assert len([*(tmp_path / cell.id).glob("paths-*")]) == 1
 
 

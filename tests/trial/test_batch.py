@@ -14,6 +14,7 @@ from experiment_helpers import compiled_quickly
 from mppi_belief.config.cell import Cell
 from mppi_belief.errors import ConfigError
 from mppi_belief.results import table as results
+from mppi_belief.results.contents import read_rows
 from mppi_belief.run.local import Lanes
 from mppi_belief.run.plan import chunks
 from mppi_belief.run.runner import run_study
@@ -159,7 +160,7 @@ class Study:
         return run_study([self.cell], Order(n_trials), self.root, task, lanes, command).stopped
 
     def rows(self) -> Any:
-        return results.read_rows(self.root / self.cell.id)
+        return read_rows(self.root / self.cell.id)
 
 
 def interrupt_at_the_first_result(monkeypatch: pytest.MonkeyPatch) -> None:

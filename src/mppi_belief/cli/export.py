@@ -8,14 +8,15 @@ from typing import Any
 import pandas as pd
 
 from ..config.cell import labels
-from ..results.contents import Contents, origin
-from ..results.table import COLUMNS
+from ..results.columns import COLUMNS
+from ..results.contents import CellContents
+from ..results.sources import source_finder
 from .tables import short_commit
 
 _TEXT = ("status", "controller", "collided", "error")  # columns in which pandas has NaN for nothing
 
 
-def as_csv(cells: Sequence[Contents]) -> tuple[str, int]:
+def as_csv(cells: Sequence[CellContents]) -> tuple[str, int]:
     """The table as text and the number of its rows: cell, commit, what all rows have, then what was swept.
 
     A float is its shortest text that is that very float (nan, inf and -inf too), nothing is an empty field.
@@ -31,8 +32,8 @@ def as_csv(cells: Sequence[Contents]) -> tuple[str, int]:
     return text.getvalue(), len(lines)
 
 
-def _lines(contents: Contents) -> Iterator[dict[str, str]]:
-    rows, find = contents.rows, origin(contents)
+def _lines(contents: CellContents) -> Iterator[dict[str, str]]:
+    rows, find = contents.rows, source_finder(contents)
     for values in rows.to_dict("records"):
         source = find(values["trial"], values["_file"])
         swept = {name: value for name, value in _swept(source).items() if name not in COLUMNS}

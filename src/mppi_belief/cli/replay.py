@@ -13,9 +13,10 @@ from ..config import environment
 from ..config.cell import ALGORITHM_VERSION, IDENTITY, labels
 from ..config.targets import allow, fingerprints
 from ..errors import ConfigError
-from ..results.contents import Contents, belongs, path_of, read_cell, row_of
-from ..results.folder import choose
+from ..results.contents import CellContents, belongs, path_of, read_cell
+from ..results.folder import choose_cell
 from ..results.provenance import provenance
+from ..results.sources import row_of
 from . import usage
 from .result_words import read
 from .tables import short_commit
@@ -48,7 +49,7 @@ def replay(args: Sequence[str]) -> int:
     told = read(args, "replay", flags=["--force"], valued=["--config-dir", "-cd"])
     if len(told.words) != 2:
         raise ConfigError("replay: name a cell and a trial; see mppi-belief replay --help")
-    kept = _find(read_cell(choose(told.root, told.words[0])), told.words[1])
+    kept = _find(read_cell(choose_cell(told.root, told.words[0])), told.words[1])
     if kept.row["status"] in UNFINISHED and "--force" not in told.options:
         raise ConfigError(
             f"trial {kept.trial} {kept.row['status']}: {kept.row['error']}; --force runs it again, in this process"
@@ -62,7 +63,7 @@ def replay(args: Sequence[str]) -> int:
     return _again(kept, now)
 
 
-def _find(contents: Contents, word: str) -> Kept:
+def _find(contents: CellContents, word: str) -> Kept:
     """A trial of a cell; raises `ConfigError` where there is none, or not the configuration to run it with."""
     for line in contents.problems:
         print(line, file=sys.stderr)

@@ -9,7 +9,7 @@ from omegaconf import OmegaConf
 
 from ..config.conf_files import conf_dir
 from ..errors import ConfigError, unknown_key
-from ..results.folder import cells
+from ..results.folder import cell_folders
 
 _ALL = ("--csv", "--force", "--to", "--config-dir", "-cd")
 _SETTING = re.compile(r"\w+=.*", re.DOTALL)
@@ -70,7 +70,7 @@ def complete(words: Sequence[str], begun: bool) -> list[str]:
     if subcommands:
         return [word for word in [*subcommands, *options] if word.startswith(last)]
     try:
-        names = [folder.name for folder in cells(read(rest, command, _ALL, _ALL).root)]
+        names = [folder.name for folder in cell_folders(read(rest, command, _ALL, _ALL).root)]
     except (ConfigError, OSError):
         names = []
     return [word for word in [*names, *options] if word.startswith(last)]

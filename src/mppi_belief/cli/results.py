@@ -6,11 +6,11 @@ from pathlib import Path
 
 from ..errors import ConfigError, unknown_key
 from ..report.frame_files import write_text_file
-from ..results.audit import audit, unhashed
+from ..results.audit import audit
 from ..results.compact import compact
 from ..results.contents import read_cell, superseded
 from ..results.files import probe
-from ..results.folder import cells, choose
+from ..results.folder import cell_folders, choose_cell
 from . import usage
 from .export import as_csv
 from .result_words import Words, read
@@ -42,11 +42,13 @@ def results(args: Sequence[str]) -> int:
 
 def _chosen(told: Words) -> list[Path]:
     """The folders of the cells that are named, each once; of all without a name."""
-    return list(dict.fromkeys(choose(told.root, word) for word in told.words)) or cells(told.root)
+    return list(dict.fromkeys(choose_cell(told.root, word) for word in told.words)) or cell_folders(
+        told.root
+    )
 
 
 def _list(told: Words) -> int:
-    found = [read_cell(folder) for folder in cells(told.root)]
+    found = [read_cell(folder) for folder in cell_folders(told.root)]
     _complain([line for contents in found for line in contents.problems])
     print(listing(found) if found else f"no results in {told.root}")
     return 0
@@ -55,7 +57,7 @@ def _list(told: Words) -> int:
 def _show(told: Words) -> int:
     if len(told.words) != 1:
         raise ConfigError("results show: name one cell")
-    contents = read_cell(choose(told.root, told.words[0]))
+    contents = read_cell(choose_cell(told.root, told.words[0]))
     _complain(contents.problems)
     print(description(contents))
     return 0
@@ -101,7 +103,7 @@ def _change(files: tuple[int, int], sizes: tuple[int, int]) -> str:
 
 def _verify(told: Words) -> int:
     folders = _chosen(told)
-    wrong = checked = blind = 0
+    wrong = checked = 0
     for folder in folders:
         contents = read_cell(folder)
         problems = audit(contents)
@@ -111,9 +113,7 @@ def _verify(told: Words) -> int:
         checked += (
             len(contents.parts) + len(contents.paths) + len(contents.notes) + len(contents.problems)
         )
-        blind += unhashed(contents)
-    without = f" ({blind} tables of format 1 carry no hash of their values)" if blind else ""
-    print(f"{len(folders)} cells, {checked} files checked{without}: {_count(wrong)}")
+    print(f"{len(folders)} cells, {checked} files checked: {_count(wrong)}")
     return WRONG if wrong else 0
 
 

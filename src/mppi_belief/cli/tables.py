@@ -7,35 +7,36 @@ import pandas as pd
 from omegaconf import OmegaConf
 
 from ..report.summary import aligned_text, label_text, summary_text
-from ..results.contents import Contents, counts, runs, settings, superseded
-from ..results.folder import age, files, size
-from ..results.table import FORMAT_VERSION, in_words
+from ..results.contents import CellContents, identifying_settings, status_counts, superseded
+from ..results.folder import cell_files, seconds_since_write, total_size
+from ..results.sources import runs
+from ..results.trial_ranges import ranges_in_words
 
 ALWAYS = ("theta", "w_obs", "seed")  # other settings are shown where they differ
 
 
-def listing(cells: Sequence[Contents]) -> str:
+def listing(cells: Sequence[CellContents]) -> str:
     """A table with a line for each cell: rows by status, settings, files, size, age, commit, algorithm."""
     rows = [contents.rows for contents in cells]
-    ended = [counts(one) for one in rows]
+    ended = [status_counts(one) for one in rows]
     statuses = dict.fromkeys(
         status for one in sorted(ended, key=lambda one: "ok" not in one) for status in one
     )
     told = [
-        {name: label_text(value) for name, value in settings(contents).items()}
+        {name: label_text(value) for name, value in identifying_settings(contents).items()}
         for contents in cells
     ]
     lines = []
     for contents, count, labels in zip(cells, ended, told, strict=True):
-        there = files(contents.folder)
+        there = cell_files(contents.folder)
         line = {"cell": contents.folder.name} | {
             status: str(count.get(status, "-")) for status in statuses
         }
         line |= {name: labels.get(name, "-") for name in _telling(told)}
         line |= {
             "files": str(len(there)),
-            "size": bytes_in_words(size(there)),
-            "age": time_in_words(age(there)),
+            "size": bytes_in_words(total_size(there)),
+            "age": time_in_words(seconds_since_write(there)),
         }
         line |= {"commit": _all(short_commit(source) for source in contents.sources)}
         line |= {"algorithm": _all(source.get("algorithm", "-") for source in contents.sources)}
@@ -53,16 +54,15 @@ def _telling(told: Sequence[dict[str, str]]) -> list[str]:
     return [name for name in names if name != "controller" and (name in ALWAYS or name in differ)]
 
 
-def _note(contents: Contents) -> str:
+def _note(contents: CellContents) -> str:
     """What keeps a cell from being like the others."""
-    old, formats = superseded(contents), contents.formats - {FORMAT_VERSION}
+    old = superseded(contents)
     notes = [f"superseded: {old}"] if old else []
-    notes += [f"format {', '.join(map(str, sorted(formats)))}"] if formats else []
     notes += [f"{len(contents.problems)} unreadable"] if contents.problems else []
     return "; ".join(notes)
 
 
-def description(contents: Contents) -> str:
+def description(contents: CellContents) -> str:
     """All that is known of one cell: configuration, runs, statuses, a summary, files."""
     rows = contents.rows
     note = _note(contents)
@@ -75,15 +75,17 @@ def description(contents: Contents) -> str:
     parts += [_run(source) for source in runs(contents, rows)]
     parts.append("\n".join([*_statuses(rows)] or ["no rows"]))
     labels = {
-        name: value for name, value in settings(contents).items() if name in ("controller", *ALWAYS)
+        name: value
+        for name, value in identifying_settings(contents).items()
+        if name in ("controller", *ALWAYS)
     }
     if len(rows):
         parts.append(aligned_text([summary_text(rows, labels, _seconds(contents))]))
-    width = max((len(path.name) for path in files(contents.folder)), default=0)
+    width = max((len(path.name) for path in cell_files(contents.folder)), default=0)
     parts.append(
         "\n".join(
-            f"{path.name:{width}}  {bytes_in_words(size([path]))}"
-            for path in files(contents.folder)
+            f"{path.name:{width}}  {bytes_in_words(total_size([path]))}"
+            for path in cell_files(contents.folder)
         )
     )
     return "\n\n".join(parts)
@@ -94,7 +96,7 @@ def _run(source: dict[str, Any]) -> str:
     words = [str(word) for word in source.get("command") or []]
     versions = source.get("versions") or {}
     lines = {
-        "trials": in_words(source["trials"]) if source.get("trials") else "-",
+        "trials": ranges_in_words(source["trials"]) if source.get("trials") else "-",
         "command": " ".join(words) or "-",
         "started": source.get("started", "-"),
         "commit": short_commit(source, short=False),
@@ -110,7 +112,7 @@ def _run(source: dict[str, Any]) -> str:
 def _statuses(rows: pd.DataFrame) -> list[str]:
     """How many trials ended how, with an example of each kind that went wrong."""
     lines = []
-    for status, count in counts(rows).items():
+    for status, count in status_counts(rows).items():
         first = rows[rows["status"] == status].iloc[0]
         lines.append(
             f"{count} {status}"
@@ -119,7 +121,7 @@ def _statuses(rows: pd.DataFrame) -> list[str]:
     return lines
 
 
-def _seconds(contents: Contents) -> list[float]:
+def _seconds(contents: CellContents) -> list[float]:
     found = contents.notes.get("timing", {}).get("seconds")
     return found if isinstance(found, list) else []
 

@@ -8,8 +8,9 @@ import numpy as np
 import pandas as pd
 
 from ..config.cell import Cell, labels
-from ..results import table as results
-from ..results.files import read_json
+from ..results.columns import COLUMNS
+from ..results.contents import CellContents, read_cell
+from ..results.sources import sources_of
 from .summary import label_text
 
 METHOD_NAMES = {
@@ -83,31 +84,29 @@ class CellResults(NamedTuple):
 def read_cell_results(
     cell: Cell, root: Path, wanted: int, warn: Callable[[str], object] = lambda line: None
 ) -> CellResults:
-    """Read a cell's results; what cannot be read is named to `warn` and left out."""
-    folder = root / cell.id
-    parts = results.read_parts(folder, warn)
-    rows = results.rows_of(parts)
+    """Read a cell's results; a file that cannot be read is named to `warn` and left out."""
+    contents = read_cell(root / cell.id)
+    for line in contents.problems:
+        warn(line)
+    rows = contents.rows[list(COLUMNS)]
     rows = rows[rows["trial"] < wanted].reset_index(drop=True)
-    paths = results.read_paths(folder, warn)
-    paths = paths[paths["trial"].isin(rows["trial"])]
-    timing, record = _json(folder, "timing", {"seconds"}), cell.config.get("record")
+    timing = _note(contents, "timing", {"seconds"})
+    record = cell.config.get("record")
     return CellResults(
         cell,
         wanted,
         rows,
-        paths,
-        _json(folder, "scene", {"dt", "start", "goal", "obstacles", "radius"}),
+        contents.steps[contents.steps["trial"].isin(rows["trial"])],
+        _note(contents, "scene", {"dt", "start", "goal", "obstacles", "radius"}),
         timing["seconds"] if timing else [],
-        None
-        if record is None
-        else _json(folder, f"recording-{record}", {"trial", "samples", "matching"}),
-        results.sources_of(parts, rows["trial"]),
+        _note(contents, f"recording-{record}", {"trial", "samples", "matching"}),
+        sources_of(contents, rows["trial"]),
     )
 
 
-def _json(folder: Path, name: str, keys: set[str]) -> dict[str, Any] | None:
-    """A file beside the tables, None if it is not there or not one of ours."""
-    content = read_json(folder, name)
+def _note(contents: CellContents, name: str, keys: set[str]) -> dict[str, Any] | None:
+    """Returns a JSON file beside the tables; None if it is missing or lacks one of the keys."""
+    content = contents.notes.get(name)
     return content if content and keys <= content.keys() else None
 
 

@@ -1,1 +1,1 @@
-"""The results folder: tables, their files, their audit, and certificates."""
+"""Reads, writes, checks and merges the files of a results folder: tables of trials, and certificates."""

@@ -1,7 +1,7 @@
-"""Whether the files of a cell say what was written, and agree with each other: `mppi-belief results verify`.
+"""Checks that the files of a cell say what was written, and agree with each other: `mppi-belief results verify`.
 
-A file's own hash is checked where it is read (`results.table`, `results.files`). Here: every row
-is of this cell and of a run that its file names, what is there twice is the same bit for bit, every path has its row.
+The hash of a file is checked where it is read (`table.py`, `files.py`). Here: every row is of this cell and of a run
+that its file names, what is there twice is the same bit for bit, and every path has its row.
 """
 
 from collections.abc import Iterator, Sequence
@@ -10,131 +10,133 @@ from typing import Any
 import pandas as pd
 
 from ..config.cell import labels
-from .contents import Contents, belongs, superseded
-from .table import COLUMNS, FINAL, Stored, in_words, ranges
+from .columns import COLUMNS, FINAL_STATUSES
+from .contents import CellContents, belongs, superseded
+from .table import ResultsFile
+from .trial_ranges import ranges, ranges_in_words
+
+_CHECKED_LABELS = ("controller", "theta", "w_obs", "seed")
 
 
-def audit(contents: Contents) -> list[str]:
-    """What is wrong with a cell, a line each that names the file or the trials; empty where nothing is."""
+def audit(contents: CellContents) -> list[str]:
+    """Returns what is wrong with a cell, a line each that names the file or the trials; empty where nothing is."""
     return [
         *contents.problems,
         *_misplaced(contents),
         *disagreements(contents),
-        *_steps_disagree(contents),
-        *_loose_paths(contents),
+        *_differing_steps(contents),
+        *_paths_without_row(contents),
     ]
 
 
-def unhashed(contents: Contents) -> int:
-    """The tables of format 1, which carry no hash: what is in them cannot be checked."""
-    return sum("digest" not in one.about for one in (*contents.parts, *contents.paths))
-
-
-def _misplaced(contents: Contents) -> Iterator[str]:
-    """Rows of no run, and runs and rows of another cell."""
+def _misplaced(contents: CellContents) -> Iterator[str]:
+    """Yields rows of no run, and runs and rows of another cell."""
     current = superseded(contents) is None
     for part in contents.parts:
-        configs = [source.get("config") for source in part.about["sources"]]
+        configs = [source.get("config") for source in part.metadata["sources"]]
         if current and not all(
             isinstance(config, dict) and belongs(config, contents.folder) for config in configs
         ):
             yield f"{part.path}: its configuration is not that of this cell"
-        said = [
-            trial for source in part.about["sources"] for pair in source["trials"] for trial in pair
-        ]
-        inside, named = sorted(set(part.table["trial"].to_pylist())), _spread(part)
-        if min([0, *inside, *said]) < 0 or named != ranges(inside):
-            yield f"{part.path}: it has trials {_trials(inside)}, its runs {in_words(named, most=5)}"
-        for column, values in _foreign(part, configs[0] if configs else None).items():
+
+        named = _ranges_of_sources(part)
+        trials = sorted(set(part.table["trial"].to_pylist()))
+        least = min((first for first, _ in named), default=0)
+        if min([0, least, *trials]) < 0 or named != ranges(trials):
+            yield (
+                f"{part.path}: it has trials {_in_words(trials)},"
+                f" its runs {ranges_in_words(named, most=5)}"
+            )
+        for column, values in _foreign_labels(part, configs[0] if configs else None).items():
             yield f"{part.path}: {column} {values} in its rows is not that of its configuration"
 
 
-def _spread(part: Stored) -> list[list[int]]:
-    """The trials of all sources of a file, as ranges; overlapping ones stay apart."""
-    found: list[list[int]] = []
-    for first, last in sorted(
-        pair for source in part.about["sources"] for pair in source["trials"]
-    ):
-        if found and first == found[-1][1] + 1:
-            found[-1][1] = last
+def _ranges_of_sources(part: ResultsFile) -> list[list[int]]:
+    """Returns the trials of all sources of a file as ranges; overlapping ranges stay apart."""
+    pairs: list[list[int]] = []
+    for source in part.metadata["sources"]:
+        pairs += source["trials"]
+    merged: list[list[int]] = []
+    for first, last in sorted(pairs):
+        if merged and first == merged[-1][1] + 1:
+            merged[-1][1] = last
         else:
-            found.append([first, last])
-    return found
+            merged.append([first, last])
+    return merged
 
 
-def _foreign(part: Stored, config: Any) -> dict[str, list[Any]]:
-    """Settings in the rows that are not the configuration's, by column."""
+def _foreign_labels(part: ResultsFile, config: Any) -> dict[str, list[Any]]:
+    """Returns settings in the rows that are not those of the configuration, by column."""
     try:
         expected = labels(config)
     except (KeyError, TypeError, AttributeError):
         return {}
-    found = {}
-    for column in ("controller", "theta", "w_obs", "seed"):
-        values = [
-            value
-            for value in part.table[column].unique().to_pylist()
-            if not _same(value, expected[column])
-        ]
-        if values:
-            found[column] = values
-    return found
+    foreign = {}
+    for column in _CHECKED_LABELS:
+        values = part.table[column].unique().to_pylist()
+        wrong = [value for value in values if not same_value(value, expected[column])]
+        if wrong:
+            foreign[column] = wrong
+    return foreign
 
 
-def _same(one: Any, other: Any) -> bool:
-    return one == other or (one != one and other != other)
+def same_value(first: Any, second: Any) -> bool:
+    """Returns whether two values are equal or both not a number."""
+    return first == second or (first != first and second != second)
 
 
-def disagreements(contents: Contents) -> list[str]:
-    """Trials that more than one row says to have ended, and not the same way bit for bit."""
-    return _differing(
-        [part.table.select(COLUMNS).to_pandas() for part in contents.parts], ["trial"], "two rows"
-    )
-
-
-def _steps_disagree(contents: Contents) -> list[str]:
-    return _differing(
-        [one.table.to_pandas() for one in contents.paths], ["trial", "step"], "two paths"
-    )
-
-
-def _differing(frames: Sequence[pd.DataFrame], key: list[str], what: str) -> list[str]:
+def disagreements(contents: CellContents) -> list[str]:
+    """Returns a line on trials that ended in more than one way, bit for bit, by several final rows; [] without any."""
+    frames = [part.table.select(COLUMNS).to_pandas() for part in contents.parts]
     if not frames:
         return []
     rows = pd.concat(frames, ignore_index=True)
-    if "status" in rows:
-        rows = rows[rows["status"].isin(FINAL)]
-    twice = rows[rows.duplicated(key, keep=False)]
-    bits = pd.Series(
-        [repr(_plain(row)) for row in twice.to_dict("records")], index=twice.index, dtype=object
+    return _differing(rows[rows["status"].isin(FINAL_STATUSES)], ["trial"], "two rows")
+
+
+def _differing_steps(contents: CellContents) -> list[str]:
+    frames = [file.table.to_pandas() for file in contents.paths]
+    if not frames:
+        return []
+    return _differing(pd.concat(frames, ignore_index=True), ["trial", "step"], "two paths")
+
+
+def _differing(rows: pd.DataFrame, key: list[str], what: str) -> list[str]:
+    """Returns a line on the trials that have several rows of one key whose values differ; [] without any."""
+    repeated = rows[rows.duplicated(key, keep=False)]
+    texts = [repr(_plain_values(row)) for row in repeated.to_dict("records")]
+    by_key = pd.Series(texts, index=repeated.index, dtype=object).groupby(
+        [repeated[name] for name in key]
     )
-    kinds = bits.groupby([twice[name] for name in key]).nunique()
-    trials = sorted({int(at[0] if isinstance(at, tuple) else at) for at in kinds.index[kinds > 1]})
-    return [f"trials {_trials(trials)}: {what} that differ"] if trials else []
+    counts = by_key.nunique()
+    keys = counts.index[counts > 1]
+    trials = sorted({int(value[0] if isinstance(value, tuple) else value) for value in keys})
+    return [f"trials {_in_words(trials)}: {what} that differ"] if trials else []
 
 
-def _plain(row: dict[Any, Any]) -> list[Any]:
-    """The values of a row; the text of a float is another for every other float."""
+def _plain_values(row: dict[Any, Any]) -> list[Any]:
+    """Returns the values of a row as Python objects, whose texts differ for different floats."""
     return [value.tolist() if hasattr(value, "tolist") else value for value in row.values()]
 
 
-def _loose_paths(contents: Contents) -> Iterator[str]:
-    """Trajectories without a row, and those that are not as long as their row says."""
+def _paths_without_row(contents: CellContents) -> Iterator[str]:
+    """Yields trajectories without a row, and those that are not as long as their row says."""
     rows = contents.rows
-    steps = dict(zip(rows["trial"], rows["steps"], strict=True)) if len(rows) else {}
-    for one in contents.paths:
-        frame = one.table.select(["trial", "step"]).to_pandas()
-        found = {int(trial): sorted(group["step"]) for trial, group in frame.groupby("trial")}
-        loose = [trial for trial in found if trial not in steps]
-        if loose:
-            yield f"{one.path}: trials {_trials(loose)} have no row (was a run killed? the same command goes on)"
-        gaps = [
-            trial
-            for trial in found
-            if trial in steps and found[trial] != [*range(steps[trial] + 1)]
-        ]
-        if gaps:
-            yield f"{one.path}: trials {_trials(gaps)} have not the steps that their rows say"
+    steps_of = dict(zip(rows["trial"], rows["steps"], strict=True)) if len(rows) else {}
+    for file in contents.paths:
+        frame = file.table.select(["trial", "step"]).to_pandas()
+        steps = {int(trial): sorted(group["step"]) for trial, group in frame.groupby("trial")}
+        without_row = [trial for trial in steps if trial not in steps_of]
+        if without_row:
+            yield (
+                f"{file.path}: trials {_in_words(without_row)} have no row"
+                " (was a run killed? the same command goes on)"
+            )
+        known = [trial for trial in steps if trial in steps_of]
+        wrong = [trial for trial in known if steps[trial] != [*range(steps_of[trial] + 1)]]
+        if wrong:
+            yield f"{file.path}: trials {_in_words(wrong)} have not the steps that their rows say"
 
 
-def _trials(trials: Sequence[int]) -> str:
-    return in_words(ranges(trials), most=5)
+def _in_words(trials: Sequence[int]) -> str:
+    return ranges_in_words(ranges(trials), most=5)

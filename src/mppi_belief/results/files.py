@@ -1,4 +1,4 @@
-"""Files written whole or not at all, and small JSON files that know when they have been damaged."""
+"""Writes files as a whole or not at all, and small JSON files that carry a hash of their content."""
 
 import hashlib
 import json
@@ -9,21 +9,23 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-TEMPORARY = (
-    ".tmp-"  # how the name of a file begins while it is written; a killed writer leaves one behind
-)
+# the name of a file begins so while it is written; a killed writer leaves one behind
+TEMPORARY = ".tmp-"
 _DIGEST = "digest"
 
 
 def probe(root: Path) -> None:
-    """Raise OSError if `root` cannot be made or written to."""
+    """Makes the folder `root`; raises OSError if it cannot be made or written to."""
     root.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryFile(dir=root):
         pass
 
 
 def write_whole(target: Path, fill: Callable[[Path], Any]) -> None:
-    """Let `fill` write a temporary file, fsync, rename: a reader sees all of it or nothing, also after a power cut."""
+    """Lets `fill` write a temporary file, syncs it, and renames it to `target`.
+
+    A reader sees all of the file or nothing, also after a power cut. Raises OSError.
+    """
     target.parent.mkdir(parents=True, exist_ok=True)
     temporary = target.with_name(f"{TEMPORARY}{uuid.uuid4().hex[:12]}-{target.name}")
     try:
@@ -44,22 +46,22 @@ def _sync(path: Path) -> None:
 
 
 def digest(content: Any) -> str:
-    """A hash of JSON content: equal if and only if every value is, numbers bit for bit."""
+    """Returns a hash of JSON content: equal if and only if every value is, numbers bit for bit."""
     text = json.dumps(content, sort_keys=True, separators=(",", ":"))
     return hashlib.sha256(text.encode()).hexdigest()[:32]
 
 
 def write_json(folder: Path, name: str, content: dict[str, Any]) -> None:
-    """A small file, with a hash of its content."""
+    """Writes `folder/name.json` with a hash of its content; raises OSError."""
     text = json.dumps({**content, _DIGEST: digest(content)})
     write_whole(folder / f"{name}.json", lambda path: path.write_text(text, encoding="utf-8"))
 
 
 def read_json(folder: Path, name: str) -> dict[str, Any] | None:
-    """A small file's content; None where there is none, or one that is torn or was changed."""
+    """Returns the content of `folder/name.json`; None if it is missing, torn, or changed since it was written."""
     try:
         content = json.loads((folder / f"{name}.json").read_text(encoding="utf-8"))
-        said = content.pop(_DIGEST, None)
-        return content if said in (None, digest(content)) else None
+        written = content.pop(_DIGEST, None)
+        return content if written in (None, digest(content)) else None
     except (OSError, ValueError, AttributeError, TypeError):
         return None

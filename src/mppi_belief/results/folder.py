@@ -1,4 +1,4 @@
-"""The cells of a results folder: which there are, which one a person means, what their files weigh."""
+"""Finds the cells of a results folder: which there are, which one a person means, what their files weigh."""
 
 import os
 import re
@@ -10,70 +10,78 @@ from pathlib import Path
 from ..errors import ConfigError
 from .files import TEMPORARY
 
-_ID = re.compile(r".+-[0-9a-f]{12}")
+_CELL_ID = re.compile(r".+-[0-9a-f]{12}")
 
 
-def cells(root: Path) -> list[Path]:
-    """The folders of all cells, by name; raises `ConfigError` where `root` is no folder."""
+def cell_folders(root: Path) -> list[Path]:
+    """Returns the folders of all cells, by name; raises `ConfigError` where `root` is no folder."""
     if not root.is_dir():
         raise ConfigError(f"results_dir={root}: no such folder")
     return sorted(folder for folder in root.iterdir() if folder.is_dir() and _is_cell(folder))
 
 
 def _is_cell(folder: Path) -> bool:
-    return bool(_ID.fullmatch(folder.name)) or any(folder.glob("part-*.parquet"))
+    return bool(_CELL_ID.fullmatch(folder.name)) or any(folder.glob("part-*.parquet"))
 
 
-def choose(root: Path, word: str) -> Path:
-    """The folder of the cell that a word names: the beginning of its id, or the path of its folder; raises
-    `ConfigError` for none and for several."""
+def choose_cell(root: Path, word: str) -> Path:
+    """Returns the folder of the cell that a word names: the beginning of its id, or the path of its folder.
+
+    Raises `ConfigError` for none and for several.
+    """
     if os.sep in word or word in (os.curdir, os.pardir):
         folder = Path(word).resolve()
         if not (folder.is_dir() and _is_cell(folder)):
             raise ConfigError(f"{word}: not the folder of a cell")
         return folder
-    known = [folder.name for folder in cells(root)]
-    begun = [name for name in known if name.startswith(word)]
-    if word in begun or len(begun) == 1:
-        return root / (word if word in begun else begun[0])
-    if begun:
-        raise ConfigError(f"cell '{word}' is not the only one that begins so: {_some(begun)}")
-    within = [name for name in known if word in name]
-    if within:
-        raise ConfigError(f"no cell begins with '{word}'; did you mean {_some(within)}?")
-    near = get_close_matches(word, {name[: len(word)] for name in known}, n=1)
+    names = [folder.name for folder in cell_folders(root)]
+    matches = [name for name in names if name.startswith(word)]
+    if word in matches:
+        return root / word
+    if len(matches) == 1:
+        return root / matches[0]
+    if matches:
+        raise ConfigError(f"cell '{word}' is not the only one that begins so: {_listed(matches)}")
+    raise ConfigError(_unknown_cell(root, word, names))
+
+
+def _unknown_cell(root: Path, word: str, names: Sequence[str]) -> str:
+    """Returns the message for a word that begins no cell's id, with the ids that were probably meant."""
+    containing = [name for name in names if word in name]
+    if containing:
+        return f"no cell begins with '{word}'; did you mean {_listed(containing)}?"
+    near = get_close_matches(word, {name[: len(word)] for name in names}, n=1)
     if near:
-        meant = [name for name in known if name.startswith(near[0])]
-        raise ConfigError(f"unknown cell '{word}'; did you mean {_some(meant)}?")
-    raise ConfigError(f"unknown cell '{word}'; see mppi-belief results results_dir={root}")
+        similar = [name for name in names if name.startswith(near[0])]
+        return f"unknown cell '{word}'; did you mean {_listed(similar)}?"
+    return f"unknown cell '{word}'; see mppi-belief results results_dir={root}"
 
 
-def _some(names: Sequence[str], most: int = 6) -> str:
-    others = f" and {len(names) - most} more" if len(names) > most else ""
-    return ", ".join(names[:most]) + others
+def _listed(names: Sequence[str], most: int = 6) -> str:
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return ", ".join(names[:most]) + more
 
 
-def files(folder: Path) -> list[Path]:
-    """All files of a cell, those that a killed writer has left behind too."""
+def cell_files(folder: Path) -> list[Path]:
+    """Returns all files of a cell, including those that a killed writer has left behind."""
     return sorted(path for path in folder.iterdir() if path.is_file())
 
 
-def size(paths: Collection[Path]) -> int:
-    """Bytes; a file that is gone has none."""
-    return sum(found.st_size for found in _stats(paths))
+def total_size(paths: Collection[Path]) -> int:
+    """Returns the size in bytes; a file that is gone has none."""
+    return sum(stat.st_size for stat in _stats(paths))
 
 
-def age(paths: Collection[Path]) -> float:
-    """Seconds since the newest was written; 0 for one from the future, as after a clock was set back."""
-    newest = max((found.st_mtime for found in _stats(paths)), default=0.0)
+def seconds_since_write(paths: Collection[Path]) -> float:
+    """Returns the seconds since the newest file was written; 0 for one from the future, as after a clock was set back."""
+    newest = max((stat.st_mtime for stat in _stats(paths)), default=0.0)
     return max(time.time() - newest, 0.0)
 
 
 def leftovers(folder: Path, older: float) -> list[Path]:
-    """What writers that were killed have left behind, more than `older` seconds ago."""
-    return [
-        path for path in files(folder) if path.name.startswith(TEMPORARY) and age([path]) > older
-    ]
+    """Returns the files that killed writers have left behind more than `older` seconds ago."""
+    temporary = [path for path in cell_files(folder) if path.name.startswith(TEMPORARY)]
+    return [path for path in temporary if seconds_since_write([path]) > older]
 
 
 def _stats(paths: Collection[Path]) -> Iterator[os.stat_result]:

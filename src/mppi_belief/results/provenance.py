@@ -1,4 +1,4 @@
-"""Where a number comes from: command, commit, versions, machine."""
+"""Says where a number comes from: command, commit, versions, machine."""
 
 import functools
 import platform
@@ -26,7 +26,7 @@ _PACKAGES = (
 
 
 def provenance(command: list[str]) -> dict[str, Any]:
-    """What is the same for all files of one run."""
+    """Returns what is the same for all files of one run; `command` is that which was given."""
     return {
         "command": command,
         "started": datetime.now(UTC).isoformat(timespec="seconds"),
@@ -35,14 +35,14 @@ def provenance(command: list[str]) -> dict[str, Any]:
             "python": platform.python_version(),
             **{name: version(name) for name in _PACKAGES},
         },
-        **where(),
+        **machine(),
         "threads": threads(),
         **_commit(Path(__file__).resolve().parents[3]),
     }
 
 
 def _commit(root: Path) -> dict[str, Any]:
-    """Commit and dirty flag of the checkout this package runs from; None when it is installed elsewhere."""
+    """Returns commit and dirty flag of the checkout that this package runs from; None when it is installed elsewhere."""
     if not (root / "pyproject.toml").is_file():
         return {"commit": None, "dirty": None}
     try:
@@ -56,20 +56,20 @@ def _commit(root: Path) -> dict[str, Any]:
 
 
 def _git(root: Path, *args: str) -> str:
-    done = subprocess.run(
+    completed = subprocess.run(
         ["git", "-C", str(root), *args], capture_output=True, text=True, check=True
     )
-    return done.stdout.strip()
+    return completed.stdout.strip()
 
 
 @functools.cache
-def where() -> dict[str, str]:
-    """The host and its processor: the last digits of a number may depend on the latter."""
+def machine() -> dict[str, str]:
+    """Returns host, platform and processor; the last digits of a number may depend on the processor."""
     return {"host": socket.gethostname(), "platform": platform.platform(), "processor": processor()}
 
 
 def processor() -> str:
-    """The model name of the processor."""
+    """Returns the model name of the processor."""
     info = Path("/proc/cpuinfo")
     if info.exists():
         for line in info.read_text().splitlines():

@@ -10,9 +10,9 @@ from tqdm import tqdm
 from ..config.cell import Cell
 from ..errors import ConfigError
 from ..results import files
-from ..results import table as results
+from ..results.columns import FINAL_STATUSES
+from ..results.contents import read_rows
 from ..results.provenance import provenance
-from ..results.table import FINAL
 from .local import WorkerDied
 from .log import note, say
 from .plan import Chunk, chunks
@@ -34,9 +34,7 @@ def run_study(
 
     Raises OSError where it cannot write, `ConfigError` where a cell cannot be run, `WorkersGone` if nobody can run it.
     """
-    done = {
-        cell.id: _done(results.read_rows(root / cell.id, say), order.retry_failed) for cell in cells
-    }
+    done = {cell.id: _done(read_rows(root / cell.id, say), order.retry_failed) for cell in cells}
     found = {cell.id: sum(trial < order.n_trials for trial in done[cell.id]) for cell in cells}
     todo = [
         chunk
@@ -67,7 +65,9 @@ def run_study(
 
 
 def _done(rows: pd.DataFrame, retry_failed: bool) -> set[int]:
-    return set(rows["trial"][rows["status"].isin(FINAL)] if retry_failed else rows["trial"])
+    return set(
+        rows["trial"][rows["status"].isin(FINAL_STATUSES)] if retry_failed else rows["trial"]
+    )
 
 
 def _run(

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 from ..config.cell import batches
 from ..config.targets import allow
 from ..errors import ConfigError
-from ..results.provenance import where
+from ..results.provenance import machine
 from .signals import STOPPING
 
 
@@ -86,15 +86,15 @@ def run_chunk(
         try:
             outcome = within(seconds, work, config, batch)
         except ConfigError as error:
-            return Report(done, where(), time.monotonic() - began, mistake=str(error))
+            return Report(done, machine(), time.monotonic() - began, mistake=str(error))
         except Overtime as late:
             done.append((batch, Lost("timeout", str(late))))
             left = tuple(trial for later in together[at + 1 :] for trial in later)
-            return Report(done, where(), time.monotonic() - began, left)
+            return Report(done, machine(), time.monotonic() - began, left)
         except Exception as error:
             outcome = Lost("error", f"{type(error).__name__}: {error}")
         done.append((batch, outcome))
-    return Report(done, where(), time.monotonic() - began)
+    return Report(done, machine(), time.monotonic() - began)
 
 
 class Overtime(Exception):

@@ -11,7 +11,7 @@ from typing import Any
 
 from ..results import files
 from ..results import table as results
-from ..results.table import ranges
+from ..results.trial_ranges import ranges
 from .pool import Done
 from .task import Task
 from .worker import Lost

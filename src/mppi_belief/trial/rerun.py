@@ -36,7 +36,7 @@ def differences(
     bits: str,
 ) -> list[Difference]:
     """What differs between two rows and two paths; `bits` is the precision, "float32" or "float64". The columns are
-    those of `then`; a number that was not kept and a path of which nothing was kept are not compared."""
+    those of `then`; a path of which nothing was kept is not compared."""
     found = [_compare(name, value, now.get(name), bits) for name, value in then.items()]
     if path and len(path) != len(again):
         found.append(Difference("steps of the path", len(path), len(again), None, 1, ""))
@@ -50,10 +50,7 @@ def _compare(name: str, then: Any, now: Any, bits: str) -> Difference | None:
         if _same(np.array([then]), np.array([now])).all():
             return None
         return Difference(name, then, now, ulps(then, now, bits), 1, "")
-    not_kept = then is None and isinstance(
-        now, float
-    )  # a column that its file's format did not have
-    return None if then == now or not_kept else Difference(name, then, now, None, 1, "")
+    return None if then == now else Difference(name, then, now, None, 1, "")
 
 
 def _along(

@@ -18,8 +18,9 @@ import numpy as np
 from ..config.cell import batches, labels
 from ..errors import ConfigError
 from ..problem import Controller, Filter, Problem
+from ..results.columns import Consistency, Metrics
 from ..simulate import Trial, simulate_trial
-from ..trial_metrics import Consistency, Metrics, consistency, metrics
+from ..trial_metrics import consistency, metrics
 from .build import Experiment, build
 from .device import computing
 from .scene import describe_scene
