@@ -27,7 +27,15 @@ from environments import ROOT  # noqa: E402
 from mppi_belief.belief.prior import sample_prior  # noqa: E402
 from mppi_belief.config.compose import collect  # noqa: E402
 from mppi_belief.results.provenance import provenance  # noqa: E402
-from mppi_belief.simulate import BEFORE, FILTER, PLANNER, PLANT, respond, role_key, seen  # noqa: E402
+from mppi_belief.simulate import (  # noqa: E402
+    FILTER,
+    INITIAL_DRAW,
+    PLANNER,
+    PLANT,
+    controller_belief,
+    role_key,
+    step_plant_and_filter,
+)
 from mppi_belief.trial import build  # noqa: E402
 from rounds import one_cpu, say  # noqa: E402
 from table import origin  # noqa: E402
@@ -148,23 +156,21 @@ def subject(row: Row) -> Callable[[int], None]:
         lambda parts, belief, u, y, key: parts.filter.update(parts.problem, belief, u, y, key)
     )
     answer = jax.jit(
-        lambda parts, x, belief, u, k: respond(
+        lambda parts, x, belief, u, k: step_plant_and_filter(
             parts.problem, parts.filter, x, belief, u, plant, filtering, k
         )
     )
     plant, filtering, planning = (role_key(0, 0, role) for role in (PLANT, FILTER, PLANNER))
-    x = sample_prior(parts.problem, jax.random.fold_in(plant, BEFORE))
-    belief = parts.filter.init(parts.problem, jax.random.fold_in(filtering, BEFORE))
+    x = sample_prior(parts.problem, jax.random.fold_in(plant, INITIAL_DRAW))
+    belief = parts.filter.init(parts.problem, jax.random.fold_in(filtering, INITIAL_DRAW))
     plan = parts.controller.init(parts.problem)
     arguments = []
     for k in range(STEPS):
         key = jax.random.fold_in(planning, k)
-        controller_belief = seen(parts.controller, belief, x)
-        u, next_plan, _ = act(parts, controller_belief, plan, key)
+        planned_from = controller_belief(parts.controller, belief, x)
+        u, next_plan, _ = act(parts, planned_from, plan, key)
         x, y, next_belief = answer(parts, x, belief, u, k)
-        arguments.append(
-            (controller_belief, plan, key) if row.what == "step" else (belief, u, y, key)
-        )
+        arguments.append((planned_from, plan, key) if row.what == "step" else (belief, u, y, key))
         plan = next_plan
         belief = next_belief
     function = act if row.what == "step" else update

@@ -10,7 +10,7 @@ import random_scenarios
 from helpers import Feedback, float64, light_dark_problem, quick_jit
 from mppi_belief.belief import gaussian as gaussians
 from mppi_belief.belief import kalman as belief
-from mppi_belief.numerics.linalg import decorrelated, semidefinite_root, triangular_root
+from mppi_belief.numerics.linalg import ldl_solve, pivoted_cholesky, tria
 from mppi_belief.planning import path_integral as pi
 from mppi_belief.trial.trials import divergence
 
@@ -47,8 +47,8 @@ def test_two_measurements_of_a_rank_one_belief_a_million_times_their_noise_in_fl
     with float64():
         exact = 1 / (1 / 1 + np.sum((C @ root / noise) ** 2))
     cov = jnp.asarray(np.outer(root, root), jnp.float32)
-    after, K, moves = quick_jit(belief.absorb)(
-        semidefinite_root(cov), jnp.asarray(C), jnp.diag(noise**2)
+    after, K, moves = quick_jit(belief.potter_update)(
+        pivoted_cholesky(cov), jnp.asarray(C), jnp.diag(noise**2)
     )
     found = np.asarray(gaussians.covariance(after), float)
     values = np.linalg.eigvalsh(found)
@@ -62,7 +62,7 @@ def test_a_step_that_takes_a_large_variance_away_keeps_the_small_one_beside_it()
     """F = [[1, -1], [0, 1]] on perfectly correlated states: F Sigma F' itself has only rounding left of its first."""
     small = 1e-3
     root = np.array([[1.0, small], [1.0, 0.0]], np.float32) * 1e3
-    after = np.asarray(triangular_root(jnp.array([[1.0, -1.0], [0.0, 1.0]]) @ root), float)
+    after = np.asarray(tria(jnp.array([[1.0, -1.0], [0.0, 1.0]]) @ root), float)
     np.testing.assert_allclose(
         after @ after.T, [[(1e3 * small) ** 2, 0], [0, 1e6]], rtol=1e-6, atol=1
     )
@@ -74,10 +74,10 @@ def test_roots_of_semidefinite_matrices_in_any_units(scale, rank, rng):
     units = scale * 10 ** rng.uniform(-5, 5, 4)
     half = rng.normal(size=(4, rank)) * units[:, None]
     M = (half @ half.T).astype(np.float32)
-    found = np.asarray(semidefinite_root(jnp.asarray(M)), float)
+    found = np.asarray(pivoted_cholesky(jnp.asarray(M)), float)
     np.testing.assert_array_less(np.abs(found @ found.T - M) / np.outer(units, units), 1e-5)
     np.testing.assert_array_equal(found[:, rank:], 0)
-    L = np.asarray(triangular_root(jnp.asarray(np.hstack([half, half]), jnp.float32)), float)
+    L = np.asarray(tria(jnp.asarray(np.hstack([half, half]), jnp.float32)), float)
     np.testing.assert_array_less(np.abs(L @ L.T - 2 * M) / np.outer(units, units), 1e-5)
     np.testing.assert_array_equal(np.triu(L, 1), 0)
 
@@ -85,16 +85,16 @@ def test_roots_of_semidefinite_matrices_in_any_units(scale, rank, rng):
 def test_the_root_of_a_matrix_with_a_hole_is_not_finite():
     """A belief that is not a number must not come out as one."""
     M = jnp.eye(3).at[1, 1].set(jnp.nan)
-    assert not np.all(np.isfinite(semidefinite_root(M)))
-    assert not np.all(np.isfinite(triangular_root(M)))
+    assert not np.all(np.isfinite(pivoted_cholesky(M)))
+    assert not np.all(np.isfinite(tria(M)))
 
 
 def test_decorrelated_noise_is_diagonal(x64, rng):
     half = rng.normal(size=(4, 4))
-    T, r = decorrelated(jnp.eye(4), jnp.asarray(half @ half.T))
+    T, r = ldl_solve(jnp.eye(4), jnp.asarray(half @ half.T))
     M = rng.normal(size=(4, 3))
     np.testing.assert_allclose(
-        decorrelated(jnp.asarray(M), jnp.asarray(half @ half.T))[0], T @ M, atol=1e-11
+        ldl_solve(jnp.asarray(M), jnp.asarray(half @ half.T))[0], T @ M, atol=1e-11
     )
     np.testing.assert_allclose(T @ half @ half.T @ T.T, np.diag(np.array(r)), atol=1e-12)
     np.testing.assert_array_equal(np.triu(T), np.eye(4))

@@ -4,9 +4,9 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from .belief.kalman import aimed_ahead
+from .belief.kalman import aim_sensor_ahead
 from .filters import EKF
-from .numerics.linalg import quadratic_form, squared_distance
+from .numerics.linalg import mahalanobis_squared, quadratic_form
 from .problem import Belief, Filter, GaussianFilter, Problem
 from .results.columns import Consistency, Metrics
 from .simulate import Trial
@@ -41,7 +41,7 @@ def consistency(problem: Problem, filter: Filter, trial: Trial) -> Consistency:
     judge = filter if isinstance(filter, GaussianFilter) else EKF()
 
     def innovation(belief: Belief, u: Array, y: Array) -> tuple[Array, Array]:
-        aimed_problem = aimed_ahead(problem, belief, u)
+        aimed_problem = aim_sensor_ahead(problem, belief, u)
         correction = judge.correct(aimed_problem, judge.predict(aimed_problem, belief, u), y)
         return correction.innovation, correction.innovation_cov
 
@@ -59,4 +59,4 @@ def _mean_squared_distance(deviations: Array, covs: Array) -> Array:
 
     The mean is nan where no covariance is regular.
     """
-    return jnp.nanmean(jax.vmap(squared_distance)(deviations, covs))
+    return jnp.nanmean(jax.vmap(mahalanobis_squared)(deviations, covs))

@@ -16,7 +16,7 @@ from helpers import float64, light_dark_problem, quick_jit
 from mppi_belief.belief import gaussian as gaussians
 from mppi_belief.belief import kalman as belief
 from mppi_belief.belief.prior import prior
-from mppi_belief.numerics.linalg import semidefinite_root
+from mppi_belief.numerics.linalg import pivoted_cholesky
 
 PRECISIONS = {"float32": (nullcontext, np.float32), "float64": (float64, np.float64)}
 
@@ -56,7 +56,7 @@ def run(problem: mb.Problem, controls: Array, measurements: Array) -> mb.Belief:
         return after, mb.Belief(after.mean, after.cov)
 
     mean, cov = prior(problem)
-    start = gaussians.RootBelief(mean, semidefinite_root(cov))
+    start = gaussians.RootBelief(mean, pivoted_cholesky(cov))
     return jax.lax.scan(step, start, (controls, measurements))[1]
 
 
@@ -119,7 +119,7 @@ def test_a_nonlinear_system_equals_an_independent_extended_kalman_filter(convent
 
 @quick_jit
 def update(cov: Array, C: Array, R_s: Array) -> tuple[Array, Array, Array]:
-    root, K, moves = belief.absorb(semidefinite_root(cov), C, R_s)
+    root, K, moves = belief.potter_update(pivoted_cholesky(cov), C, R_s)
     return gaussians.covariance(root), K, moves
 
 

@@ -7,7 +7,7 @@ import pytest
 
 import mppi_belief as mb
 from helpers import light_dark_problem, quick_jit
-from mppi_belief.belief.particles import ParticleBelief, summarised
+from mppi_belief.belief.particles import ParticleBelief, weighted_particles
 
 KEY = jax.random.key(3)
 PLAN = 0.3 * jnp.ones((10, 2))
@@ -16,7 +16,7 @@ SHARED = {"horizon": 10, "temperature": 2.0, "control_std": 1.5}
 
 def particles(*states: list[float], weights: list[float] | None = None) -> ParticleBelief:
     log_weights = jnp.log(jnp.asarray(weights)) if weights else jnp.zeros(len(states))
-    return summarised(jnp.asarray(states, dtype=float).T, log_weights)
+    return weighted_particles(jnp.asarray(states, dtype=float).T, log_weights)
 
 
 @quick_jit

@@ -8,7 +8,7 @@ from jax import Array
 
 import mppi_belief as mb
 from helpers import Scalar, assert_mean, light_dark_problem
-from mppi_belief.simulate import seen
+from mppi_belief.simulate import controller_belief
 
 TRIALS = jnp.arange(300)
 STEPS = 10
@@ -86,10 +86,10 @@ def test_sampling_controllers_approach_lqg_as_samples_grow(name, scalar):
 
 def test_an_oracle_is_told_the_true_state_for_certain():
     x, belief = jnp.array([1.0, 2.0]), mb.Belief(jnp.zeros(2), jnp.eye(2))
-    told = seen(mb.MPPIBelief(sees_state=True), belief, x)
+    told = controller_belief(mb.MPPIBelief(sees_state=True), belief, x)
     np.testing.assert_array_equal(told.mean, x)
     assert not told.cov.any()
-    assert seen(mb.MPPIBelief(), belief, x) is belief
+    assert controller_belief(mb.MPPIBelief(), belief, x) is belief
 
 
 def test_seeing_the_state_is_worth_something():

@@ -11,7 +11,7 @@ from scipy import stats
 import mppi_belief as mb
 from helpers import assert_mean, light_dark_problem, quick_jit
 from linear_system import random_problem
-from mppi_belief.belief.particles import ParticleBelief, summarised
+from mppi_belief.belief.particles import ParticleBelief, weighted_particles
 from mppi_belief.discretise import euler_step
 from mppi_belief.filters.particle import log_likelihood, systematic
 
@@ -79,7 +79,7 @@ def lost_in_the_light(noise_at: str) -> tuple[np.ndarray, np.ndarray]:
     problem = light_dark_problem()
     filter = mb.ParticleFilter(50, resample_below=0.0, noise_at=noise_at)
     particles = jnp.zeros((4, 50)).at[0].set(jnp.linspace(5.3, 6.7, 50))
-    belief = summarised(particles, jnp.zeros(50))
+    belief = weighted_particles(particles, jnp.zeros(50))
     after = update(problem, filter, belief, jnp.array([5.0, 0.0]), jax.random.key(0))
     return np.asarray(after.particles[0]), np.exp(after.log_weights)
 
@@ -113,7 +113,7 @@ def test_a_measurement_far_off_leaves_honest_weights(y):
 
 def test_no_usable_weight_means_equal_weights():
     particles = jnp.arange(8.0).reshape(2, 4)
-    belief = summarised(particles, jnp.array([-jnp.inf, jnp.nan, -jnp.inf, -jnp.inf]))
+    belief = weighted_particles(particles, jnp.array([-jnp.inf, jnp.nan, -jnp.inf, -jnp.inf]))
     np.testing.assert_allclose(np.exp(belief.log_weights), 0.25, rtol=1e-6)
     np.testing.assert_allclose(belief.mean, particles.mean(axis=1), rtol=1e-6)
 

@@ -9,7 +9,7 @@ import pytest
 
 import mppi_belief as mb
 from helpers import Feedback, quick_jit, random_spd
-from mppi_belief.belief.kalman import aimed_ahead, predict
+from mppi_belief.belief.kalman import aim_sensor_ahead, predict
 from mppi_belief.belief.prior import prior
 from mppi_belief.belief.schedule import gain_schedule
 from mppi_belief.filters import EKF
@@ -145,7 +145,7 @@ def test_the_plant_measures_with_the_sensor_that_the_filter_and_the_plan_have(x6
     jumps = []
     for k in range(4):
         before, u = mb.Belief(trials.beliefs.mean[0, k], plan.cov[k]), trials.controls[0, k]
-        ahead, at = predict(problem, before, u).mean, aimed_ahead(problem, before, u)
+        ahead, at = predict(problem, before, u).mean, aim_sensor_ahead(problem, before, u)
         moved = ahead + plan.gain[k] @ (trials.measurements[0, k] - at.system.c(ahead))
         np.testing.assert_allclose(trials.beliefs.mean[0, k + 1], moved, rtol=1e-9, atol=1e-11)
         errors = np.asarray(trials.states[:, k + 1] - trials.beliefs.mean[:, k + 1])
@@ -157,11 +157,11 @@ def test_the_plant_measures_with_the_sensor_that_the_filter_and_the_plan_have(x6
 
 def test_a_sensor_once_turned_stays():
     problem = platform_problem()
-    turned = aimed_ahead(problem, prior(problem), jnp.zeros(2))
+    turned = aim_sensor_ahead(problem, prior(problem), jnp.zeros(2))
     assert turned.system.selector == "fixed"
     assert np.abs(np.asarray(turned.system.C) - np.eye(2, 4)).max() > 0.1
-    assert aimed_ahead(turned, prior(problem), jnp.zeros(2)).system.C is turned.system.C
+    assert aim_sensor_ahead(turned, prior(problem), jnp.zeros(2)).system.C is turned.system.C
 
 
 def test_a_system_that_cannot_be_turned_is_left_alone(light_dark):
-    assert aimed_ahead(light_dark, prior(light_dark), jnp.zeros(2)) is light_dark
+    assert aim_sensor_ahead(light_dark, prior(light_dark), jnp.zeros(2)) is light_dark

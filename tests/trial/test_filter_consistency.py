@@ -8,7 +8,7 @@ import pytest
 import mppi_belief as mb
 import reference
 from helpers import Feedback, assert_mean, float64, light_dark_problem, quick_jit
-from mppi_belief.numerics.linalg import squared_distance
+from mppi_belief.numerics.linalg import mahalanobis_squared
 from system_helpers import pendulum
 
 TRIALS, STEPS, DT = 200, 25, 0.1
@@ -120,9 +120,9 @@ def test_a_particle_belief_has_both(x64):
     ("variances", "singular"), [([1e-12, 1.0], False), ([0.0, 1.0], True), ([1.0, 0.0], True)]
 )
 def test_a_singular_covariance_has_no_distance_whatever_the_units(variances, singular):
-    found = squared_distance(jnp.sqrt(jnp.array([1e-12, 1.0])), jnp.diag(jnp.array(variances)))
+    found = mahalanobis_squared(jnp.sqrt(jnp.array([1e-12, 1.0])), jnp.diag(jnp.array(variances)))
     assert jnp.isnan(found) if singular else found == pytest.approx(2.0)
-    assert jnp.isnan(squared_distance(jnp.ones(2), jnp.ones((2, 2))))
+    assert jnp.isnan(mahalanobis_squared(jnp.ones(2), jnp.ones((2, 2))))
 
 
 def test_steps_without_a_distance_are_left_out(linear):

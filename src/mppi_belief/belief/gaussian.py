@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 from jax import Array
 
-from ..numerics.linalg import semidefinite_root, symmetrise, triangular_root
+from ..numerics.linalg import pivoted_cholesky, symmetrise, tria
 
 
 class RootBelief(NamedTuple):
@@ -43,24 +43,22 @@ class MixtureBelief(NamedTuple):
 
     @property
     def cov(self) -> Array:
-        """(nx, nx), see `mixture_cov`."""
-        return mixture_cov(self.weights, self.means, covariance(self.roots))
+        """(nx, nx), see `mixture_covariance`."""
+        return mixture_covariance(self.weights, self.means, covariance(self.roots))
 
     @property
     def root(self) -> Array:
         """A root (nx, nx) of it."""
         columns = jnp.concatenate([self.roots, (self.means - self.mean)[:, :, None]], axis=2)
-        return triangular_root(
-            jnp.concatenate(list(columns * jnp.sqrt(self.weights)[:, None, None]), axis=1)
-        )
+        return tria(jnp.concatenate(list(columns * jnp.sqrt(self.weights)[:, None, None]), axis=1))
 
 
-def rooted(belief: Any) -> Array:
+def covariance_root(belief: Any) -> Array:
     """A root (nx, nx) of a belief's covariance: its own, if it has one."""
     return (
         belief.root
         if isinstance(belief, RootBelief | MixtureBelief)
-        else semidefinite_root(belief.cov)
+        else pivoted_cholesky(belief.cov)
     )
 
 
@@ -69,7 +67,7 @@ def covariance(root: Array) -> Array:
     return symmetrise(root @ jnp.swapaxes(root, -1, -2))
 
 
-def mixture_cov(weights: Array, means: Array, covs: Array) -> Array:
+def mixture_covariance(weights: Array, means: Array, covs: Array) -> Array:
     """sum_i w_i (Sigma_i + (mu_i - mu)(mu_i - mu)') (nx, nx) for weights (m,), means (m, nx), covs (m, nx, nx)."""
     off = means - weights @ means
     return symmetrise(jnp.tensordot(weights, covs + off[:, :, None] * off[:, None, :], axes=1))

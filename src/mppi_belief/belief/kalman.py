@@ -17,14 +17,14 @@ import jax.numpy as jnp
 from jax import Array
 
 from ..discretise import euler_step, measurement_cov, measurement_difference
-from ..numerics.linalg import absorb, triangular_root
+from ..numerics.linalg import potter_update, tria
 from ..problem import Belief, Correction, Problem, SteerableSensor
-from .gaussian import RootBelief, covariance, rooted
+from .gaussian import RootBelief, covariance, covariance_root
 
 
 def predict(problem: Problem, belief: Belief | RootBelief, u: Array) -> RootBelief:
     """Returns the belief one step after control u (nu,), before the measurement."""
-    return RootBelief(*_predict_moments(problem, belief.mean, rooted(belief), u))
+    return RootBelief(*_predict_moments(problem, belief.mean, covariance_root(belief), u))
 
 
 def _predict_moments(problem: Problem, mean: Array, root: Array, u: Array) -> tuple[Array, Array]:
@@ -32,10 +32,10 @@ def _predict_moments(problem: Problem, mean: Array, root: Array, u: Array) -> tu
     system, dt = problem.system, problem.dt
     F = jax.jacfwd(lambda x: euler_step(system, x, u, dt))(mean)
     columns = jnp.hstack([F @ root, system.H * jnp.sqrt(dt)])
-    return euler_step(system, mean, u, dt), triangular_root(columns)
+    return euler_step(system, mean, u, dt), tria(columns)
 
 
-def aimed(problem: Problem, mean: Array, root: Array, sampled: bool = True) -> Problem:
+def aim_sensor(problem: Problem, mean: Array, root: Array, sampled: bool = True) -> Problem:
     """Returns the problem with its sensor turned for a belief N(mean, root root').
 
     Systems without a `SteerableSensor` stay as they are; `sampled` is explained there.
@@ -45,21 +45,21 @@ def aimed(problem: Problem, mean: Array, root: Array, sampled: bool = True) -> P
     return replace(problem, system=problem.system.aimed(mean, root, problem.dt, sampled))
 
 
-def aimed_ahead(problem: Problem, belief: Any, u: Array) -> Problem:
+def aim_sensor_ahead(problem: Problem, belief: Any, u: Array) -> Problem:
     """Returns the problem with its sensor turned for the measurement that follows control u (nu,)."""
     if not isinstance(problem.system, SteerableSensor):
         return problem
     predicted = predict(problem, belief, u)
-    return aimed(problem, predicted.mean, predicted.root)
+    return aim_sensor(problem, predicted.mean, predicted.root)
 
 
 def correct(problem: Problem, belief: Belief | RootBelief, y: Array) -> Correction:
     """Corrects a predicted belief by the measurement y (ny,), its noise taken at the predicted mean."""
     mean = belief.mean
-    root = rooted(belief)
-    problem = aimed(problem, mean, root)
+    root = covariance_root(belief)
+    problem = aim_sensor(problem, mean, root)
     C, R_s = _linearised_measurement(problem, mean)
-    corrected_root, gain, _ = absorb(root, C, R_s)
+    corrected_root, gain, _ = potter_update(root, C, R_s)
     innovation = measurement_difference(problem.system, y, problem.system.c(mean))
     posterior = RootBelief(mean + gain @ innovation, corrected_root)
     factor = C @ root
@@ -75,8 +75,8 @@ def filter_step(
     diffusion D (nx, nx) of the mean.
     """
     mean, root = _predict_moments(problem, mean, root, u)
-    problem = aimed(problem, mean, root)
-    root, gain, moves = absorb(root, *_linearised_measurement(problem, mean))
+    problem = aim_sensor(problem, mean, root)
+    root, gain, moves = potter_update(root, *_linearised_measurement(problem, mean))
     return mean, root, gain, covariance(moves) / problem.dt
 
 

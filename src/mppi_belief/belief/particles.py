@@ -18,7 +18,7 @@ class ParticleBelief(NamedTuple):
     log_weights: Array
 
 
-def summarised(particles: Array, log_weights: Array) -> ParticleBelief:
+def weighted_particles(particles: Array, log_weights: Array) -> ParticleBelief:
     """The belief with its weights normalised; equal weights where none is finite."""
     usable = jnp.isfinite(log_weights)
     log_weights = jnp.where(usable.any(), jnp.where(usable, log_weights, -jnp.inf), 0.0)

@@ -4,20 +4,20 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from ..numerics.linalg import absorb, decorrelated, semidefinite_root, symmetrise, triangular_root
+from ..numerics.linalg import ldl_solve, pivoted_cholesky, potter_update, symmetrise, tria
 from .gaussian import covariance
 
 
 def riccati_rate(cov: Array, A: Array, Q: Array, C: Array, R_o: Array) -> Array:
     """Right-hand side of (8b)(11); all but C (ny, nx) and R_o (ny, ny) are (nx, nx)."""
-    _, D = kalman_bucy(cov, C, R_o)
+    _, D = kalman_bucy_gain(cov, C, R_o)
     return A @ cov + cov @ A.T + Q - D
 
 
-def kalman_bucy(cov: Array, C: Array, R_o: Array) -> tuple[Array, Array]:
+def kalman_bucy_gain(cov: Array, C: Array, R_o: Array) -> tuple[Array, Array]:
     """Gain K = Sigma C' R_o^-1 of (8a) and diffusion D = K R_o K' of (9)."""
-    C, variances = decorrelated(C, R_o)
-    T, _ = decorrelated(jnp.eye(len(R_o), dtype=R_o.dtype), R_o)
+    C, variances = ldl_solve(C, R_o)
+    T, _ = ldl_solve(jnp.eye(len(R_o), dtype=R_o.dtype), R_o)
     spread = jnp.sqrt(jnp.stack(variances))
     moves = cov @ C.T / spread
     return moves / spread @ T, covariance(moves)
@@ -25,7 +25,7 @@ def kalman_bucy(cov: Array, C: Array, R_o: Array) -> tuple[Array, Array]:
 
 def riccati_step(cov: Array, A: Array, Q: Array, C: Array, R_o: Array, dt: Array | float) -> Array:
     """(8b)(11) solved over dt with frozen coefficients, see `riccati_root`; Q (nx, nx)."""
-    return covariance(riccati_root(semidefinite_root(cov), A, Q, C, R_o, dt))
+    return covariance(riccati_root(pivoted_cholesky(cov), A, Q, C, R_o, dt))
 
 
 def riccati_root(root: Array, A: Array, Q: Array, C: Array, R_o: Array, dt: Array | float) -> Array:
@@ -38,7 +38,7 @@ def riccati_root(root: Array, A: Array, Q: Array, C: Array, R_o: Array, dt: Arra
     """
     n = root.shape[0]
     eye = jnp.eye(n, dtype=root.dtype)
-    C, variances = decorrelated(C, R_o)
+    C, variances = ldl_solve(C, R_o)
     whitened = C / jnp.sqrt(jnp.stack(variances))[:, None]
     Q, J = Q * dt, whitened.T @ whitened * dt
     norm = jnp.maximum(jnp.maximum(_norm(A * dt), jnp.sqrt(_norm(Q)) * jnp.sqrt(_norm(J))), 0.25)
@@ -50,19 +50,19 @@ def riccati_root(root: Array, A: Array, Q: Array, C: Array, R_o: Array, dt: Arra
 
     def double(_: Array, map: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
         F, N, V = map  # J = N N', W = V V'
-        seen, K, _ = absorb(V, N.T, eye)
+        seen, K, _ = potter_update(V, N.T, eye)
         return (
             F @ (F - K @ (N.T @ F)),
-            triangular_root(jnp.hstack([N, F.T @ absorb(N, V.T, eye)[0]])),
-            triangular_root(jnp.hstack([V, F @ seen])),
+            tria(jnp.hstack([N, F.T @ potter_update(N, V.T, eye)[0]])),
+            tria(jnp.hstack([V, F @ seen])),
         )
 
     N, V = (
-        semidefinite_root(symmetrise(top @ flow[:n, n:])),
-        semidefinite_root(symmetrise(flow[n:, :n] @ top)),
+        pivoted_cholesky(symmetrise(top @ flow[:n, n:])),
+        pivoted_cholesky(symmetrise(flow[n:, :n] @ top)),
     )
     F, N, V = jax.lax.fori_loop(0, doublings.astype(int), double, (top.T, N, V))
-    return triangular_root(jnp.hstack([V, F @ absorb(root / unit, N.T, eye)[0]])) * unit
+    return tria(jnp.hstack([V, F @ potter_update(root / unit, N.T, eye)[0]])) * unit
 
 
 def _norm(M: Array) -> Array:

@@ -9,9 +9,9 @@ from jax import Array
 from ..discretise import euler_step, measurement_intensity
 from ..numerics.linalg import psd_factor
 from ..problem import Belief, Problem
-from .gaussian import RootBelief, covariance, rooted
-from .kalman import aimed, filter_step
-from .riccati import kalman_bucy, riccati_root
+from .gaussian import RootBelief, covariance, covariance_root
+from .kalman import aim_sensor, filter_step
+from .riccati import kalman_bucy_gain, riccati_root
 
 
 class GainSchedule(NamedTuple):
@@ -50,7 +50,7 @@ def gain_schedule(
         mean = mean if replaced is None else replaced
         return (mean, root), (mean, covariance(root), gain, diffusion)
 
-    start = belief.mean, rooted(belief)
+    start = belief.mean, covariance_root(belief)
     _, (mean, cov, gain, diffusion) = jax.lax.scan(advance, start, (controls, means))
     mean, cov = jnp.concatenate([belief.mean[None], mean]), jnp.concatenate([belief.cov[None], cov])
     return GainSchedule(mean, cov, gain, diffusion)
@@ -59,11 +59,11 @@ def gain_schedule(
 def _riccati_schedule_step(
     problem: Problem, mean: Array, root: Array, u: Array
 ) -> tuple[Array, Array, Array, Array]:
-    system, dt = aimed(problem, mean, root, sampled=False).system, problem.dt
+    system, dt = aim_sensor(problem, mean, root, sampled=False).system, problem.dt
     A = jax.jacfwd(lambda x: system.f(x) + system.G(x) @ u)(mean)
     C = jax.jacfwd(system.c)(mean)
     R_o = measurement_intensity(system, mean, dt)
-    K, D = kalman_bucy(covariance(root), C, R_o)
+    K, D = kalman_bucy_gain(covariance(root), C, R_o)
     return (
         euler_step(system, mean, u, dt),
         riccati_root(root, A, system.H @ system.H.T, C, R_o, dt),

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from ..belief.cost import expected_terminal, risk_sensitive
-from ..belief.gaussian import RootBelief, covariance, rooted
+from ..belief.gaussian import RootBelief, covariance, covariance_root
 from ..belief.kalman import filter_step
 from ..belief.schedule import gain_schedule
 from ..numerics.scalarized import vmap_scalarized
@@ -44,7 +44,7 @@ class JointBelief:
         self, problem: Problem, belief: Belief | RootBelief, plan: Array, key: Array
     ) -> tuple[Array, Array, pi.PlanInfo]:
         """The control (nu,), the nominal shifted by one step (H, nu), diagnostics."""
-        start = RootBelief(belief.mean, rooted(belief))
+        start = RootBelief(belief.mean, covariance_root(belief))
         weight = pi.girsanov_weight(problem, self.temperature, self.control_std, self.alpha)
 
         def paths(key: Array, n: int) -> tuple[Array, Array, Array]:

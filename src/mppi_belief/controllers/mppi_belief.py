@@ -20,7 +20,7 @@ from ..belief.cost import (
     mixture_terminal,
     risk_sensitive,
 )
-from ..belief.gaussian import MixtureBelief, RootBelief, mixture_cov
+from ..belief.gaussian import MixtureBelief, RootBelief, mixture_covariance
 from ..belief.schedule import GainSchedule, diffusion_factors, gain_schedule
 from ..planning import ilqr
 from ..planning import path_integral as pi
@@ -179,7 +179,7 @@ class MPPIBelief:
         change, w, means = pi.weighted_in_blocks(paths, key, self.n_samples, self.temperature)
         improved = plan + change
         nominal_cost = self._mixture_costs(problem, belief, nominal[1:, :, :, None], covs)[0]
-        planned = jax.vmap(mixture_cov, in_axes=(None, 0, 0))(belief.weights, nominal, covs)
+        planned = jax.vmap(mixture_covariance, in_axes=(None, 0, 0))(belief.weights, nominal, covs)
         info = pi.PlanInfo(pi.effective_sample_size(w), nominal_cost, planned, means, w)
         return improved[0], self._carry(improved), info
 

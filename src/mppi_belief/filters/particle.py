@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from ..belief.particles import ParticleBelief, summarised
+from ..belief.particles import ParticleBelief, weighted_particles
 from ..belief.prior import sample_prior
 from ..discretise import euler_step, measurement_cov, measurement_difference
 from ..numerics.linalg import log_det_spd, quadratic_form, spd_inverse
@@ -34,7 +34,7 @@ class ParticleFilter:
     def init(self, problem: Problem, key: Array) -> ParticleBelief:
         """Draws the particles from the prior, with equal weights."""
         particles = sample_prior(problem, key, self.n_particles)
-        return summarised(particles, jnp.zeros(self.n_particles))
+        return weighted_particles(particles, jnp.zeros(self.n_particles))
 
     def update(
         self, problem: Problem, belief: ParticleBelief, u: Array, y: Array, key: Array
@@ -47,7 +47,7 @@ class ParticleFilter:
             belief.particles
         )
         moved = moved + system.H @ normals * jnp.sqrt(dt)
-        weighed = summarised(
+        weighed = weighted_particles(
             moved, belief.log_weights + self._log_likelihoods(problem, belief, moved, y)
         )
         chosen = systematic(weighed.log_weights, resampling_key)

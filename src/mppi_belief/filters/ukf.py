@@ -20,10 +20,10 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from ..belief.gaussian import RootBelief, covariance, rooted
+from ..belief.gaussian import RootBelief, covariance, covariance_root
 from ..belief.prior import gaussian_prior
 from ..discretise import euler_step, measurement_cov, measurement_difference
-from ..numerics.linalg import absorb, triangular_root
+from ..numerics.linalg import potter_update, tria
 from ..numerics.quadrature import rule
 from ..problem import Belief, Correction, Problem
 from ..structs import struct
@@ -54,10 +54,12 @@ class UKF:
 
     def correct(self, problem: Problem, belief: Belief | RootBelief, y: Array) -> Correction:
         """Corrects a predicted belief by the measurement y (ny,), by the linear regression of c."""
-        root = rooted(belief)
+        root = covariance_root(belief)
         mean = belief.mean
         fit = regression(problem, RootBelief(mean, root))
-        shrunk, gain, _ = absorb(jnp.eye(len(mean), dtype=mean.dtype), fit.slope.T, fit.noise)
+        shrunk, gain, _ = potter_update(
+            jnp.eye(len(mean), dtype=mean.dtype), fit.slope.T, fit.noise
+        )
         innovation = measurement_difference(problem.system, y, fit.expected)
         posterior = RootBelief(mean + root @ (gain @ innovation), root @ shrunk)
         return Correction(posterior, innovation, covariance(fit.slope.T) + fit.noise)
@@ -79,12 +81,12 @@ def sigma_points(nx: int) -> tuple[np.ndarray, np.ndarray]:
 
 def predicted(problem: Problem, belief: Belief | RootBelief, u: Array) -> RootBelief:
     """The belief one step later, before the measurement; u (nu,)."""
-    system, dt, root = problem.system, problem.dt, rooted(belief)
+    system, dt, root = problem.system, problem.dt, covariance_root(belief)
     z, weights = (jnp.asarray(part, root.dtype) for part in sigma_points(len(root)))
     moved = jax.vmap(lambda point: euler_step(system, belief.mean + root @ point, u, dt))(z)
     mean = weights @ moved
     spread = (moved - mean).T * jnp.sqrt(weights)
-    return RootBelief(mean, triangular_root(jnp.hstack([spread, system.H * jnp.sqrt(dt)])))
+    return RootBelief(mean, tria(jnp.hstack([spread, system.H * jnp.sqrt(dt)])))
 
 
 def regression(problem: Problem, ahead: RootBelief) -> Regression:

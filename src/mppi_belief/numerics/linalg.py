@@ -71,7 +71,7 @@ def psd_factor(M: Array) -> tuple[Array, Array]:
     return vectors * jnp.sqrt(jnp.where(kept, values, 0.0)), jnp.sum(kept)
 
 
-def semidefinite_root(M: Array) -> Array:
+def pivoted_cholesky(M: Array) -> Array:
     """L (n, n) with L L' = M, positive semidefinite, up to the rounding of M in the units of each of its components.
 
     Cholesky with complete pivoting (Higham 1990) of the correlations: what is left of a component's variance below
@@ -94,7 +94,7 @@ def semidefinite_root(M: Array) -> Array:
     return jnp.stack(columns, axis=1)
 
 
-def triangular_root(M: Array) -> Array:
+def tria(M: Array) -> Array:
     """Lower triangular L (n, n) with L L' = M M' for M (n, m), by Gram-Schmidt on the rows.
 
     M M' is never formed, so what is small beside terms that cancel keeps its digits.
@@ -111,7 +111,7 @@ def triangular_root(M: Array) -> Array:
     return jnp.stack(columns, axis=1)
 
 
-def decorrelated(M: Array, R: Array) -> tuple[Array, list[Array]]:
+def ldl_solve(M: Array, R: Array) -> tuple[Array, list[Array]]:
     """T M (n, m) and variances [()] with T unit lower triangular and T R T' = diag(variances), for definite R (n, n).
 
     A variance is at least what the rounding of R leaves uncertain, eps of it.
@@ -133,10 +133,10 @@ def decorrelated(M: Array, R: Array) -> tuple[Array, list[Array]]:
     return jnp.stack(rows), variances
 
 
-def squared_distance(x: Array, M: Array) -> Array:
+def mahalanobis_squared(x: Array, M: Array) -> Array:
     """x' M^-1 x () for x (n,) and semidefinite M (n, n); nan where M is singular: where others leave n * eps or less of
     the variance of a component."""
-    apart, variances = decorrelated(x[:, None], M)
+    apart, variances = ldl_solve(x[:, None], M)
     left = jnp.stack(variances)
     regular = jnp.all(left > len(left) * jnp.finfo(M.dtype).eps * jnp.diagonal(M))
     return jnp.where(regular, jnp.sum(apart[:, 0] ** 2 / jnp.where(regular, left, 1.0)), jnp.nan)
@@ -144,7 +144,7 @@ def squared_distance(x: Array, M: Array) -> Array:
 
 def log_normal_density(x: Array, M: Array) -> Array:
     """Returns log N(x; 0, M) () without its constant -n/2 log(2 pi), for x (n,) and definite M (n, n)."""
-    decoupled, variances = decorrelated(x[:, None], M)
+    decoupled, variances = ldl_solve(x[:, None], M)
     spread = jnp.stack(variances)
     return -0.5 * jnp.sum(decoupled[:, 0] ** 2 / spread + jnp.log(spread))
 
@@ -191,15 +191,15 @@ def quadratic_form(M: Array, x: Vector) -> Array:
     return dot(halves, x)
 
 
-def absorb(root: Array, C: Array, R_s: Array) -> tuple[Array, Array, Array]:
+def potter_update(root: Array, C: Array, R_s: Array) -> tuple[Array, Array, Array]:
     """What measurements C x (ny,) with noise R_s make of a covariance root root': its new root, the gain
     K (nx, ny), and how the innovations move the mean, columns (nx, ny) with squares that add up to K S K'.
 
     One measurement after another, made independent first, with no matrix to invert (Potter 1963): with v = root' c and
     s = v'v + r the gain is root v / s, and the root shrinks by sqrt(r / s) along v.
     """
-    C, variances = decorrelated(C, R_s)
-    T, _ = decorrelated(jnp.eye(len(R_s), dtype=R_s.dtype), R_s)
+    C, variances = ldl_solve(C, R_s)
+    T, _ = ldl_solve(jnp.eye(len(R_s), dtype=R_s.dtype), R_s)
     K, moves = jnp.zeros((len(root), 0), root.dtype), []
     for c, r in zip(C, variances, strict=True):
         v = c @ root

@@ -14,7 +14,7 @@ import numpy as np
 from jax import Array
 
 from ..belief.gaussian import covariance
-from ..belief.kalman import aimed, predict
+from ..belief.kalman import aim_sensor, predict
 from ..belief.prior import prior
 from ..belief.schedule import GainSchedule, gain_schedule
 from ..discretise import measurement_difference, measurement_factor
@@ -130,7 +130,7 @@ def _outside(problem: Problem, before: Belief, controls: Array) -> Array:
 
     def at(given: tuple[Belief, Array]) -> Array:
         mean, root = predict(problem, *given)
-        system = aimed(problem, mean, root).system
+        system = aim_sensor(problem, mean, root).system
         middle, units = system.c(mean), measurement_factor(system, mean, problem.dt)
 
         def seen(x: Array) -> Array:

@@ -7,7 +7,15 @@ from typing import Any
 import jax
 
 from ..belief.prior import sample_prior
-from ..simulate import BEFORE, FILTER, PLANNER, PLANT, respond, role_key, seen
+from ..simulate import (
+    FILTER,
+    INITIAL_DRAW,
+    PLANNER,
+    PLANT,
+    controller_belief,
+    role_key,
+    step_plant_and_filter,
+)
 from .build import Experiment, build
 from .device import computing
 
@@ -32,25 +40,25 @@ def _step_functions() -> tuple[Any, Any]:
             :2
         ]
     )
-    return act, jax.jit(respond)
+    return act, jax.jit(step_plant_and_filter)
 
 
 def _time_one_trial(parts: Experiment, seed: int, trial: int, act: Any, rest: Any) -> list[float]:
     problem, filter, controller = parts
     keys = [role_key(seed, trial, role) for role in (PLANT, FILTER, PLANNER)]
-    x = sample_prior(problem, jax.random.fold_in(keys[PLANT], BEFORE))
-    belief = filter.init(problem, jax.random.fold_in(keys[FILTER], BEFORE))
+    x = sample_prior(problem, jax.random.fold_in(keys[PLANT], INITIAL_DRAW))
+    belief = filter.init(problem, jax.random.fold_in(keys[FILTER], INITIAL_DRAW))
     plan, times = controller.init(problem), []
     if trial == 0:
         jax.block_until_ready(
-            act(problem, controller, seen(controller, belief, x), plan, keys[PLANNER])
+            act(problem, controller, controller_belief(controller, belief, x), plan, keys[PLANNER])
         )
     for k in range(problem.steps):
         args = jax.block_until_ready(
             (
                 problem,
                 controller,
-                seen(controller, belief, x),
+                controller_belief(controller, belief, x),
                 plan,
                 jax.random.fold_in(keys[PLANNER], k),
             )

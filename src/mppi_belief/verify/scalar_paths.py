@@ -14,7 +14,7 @@ from ..belief.prior import sample_prior
 from ..costs import GoalObstacleCost
 from ..obstacles import Obstacles
 from ..problem import Belief, Filter, Problem, System
-from ..simulate import BEFORE, PLANT, plant_step, role_key
+from ..simulate import INITIAL_DRAW, PLANT, plant_step, role_key
 from ..structs import choice, number, struct
 from . import kushner
 from .kushner import Moments, Reals
@@ -76,7 +76,7 @@ def measured(problem: Problem, seed: int, path: Array) -> Array:
         u, k = given
         return plant_step(problem, x, u[None], jax.random.fold_in(key, k))
 
-    start = sample_prior(problem, jax.random.fold_in(key, BEFORE))
+    start = sample_prior(problem, jax.random.fold_in(key, INITIAL_DRAW))
     return jax.lax.scan(step, start, (controls, jnp.arange(problem.steps)))[1]
 
 
@@ -92,7 +92,7 @@ def filtered(
         belief = filter.update(problem, belief, u[None], y, jax.random.fold_in(key, k))
         return belief, (belief.mean[0], belief.cov[0, 0])
 
-    first = filter.init(problem, jax.random.fold_in(key, BEFORE))
+    first = filter.init(problem, jax.random.fold_in(key, INITIAL_DRAW))
     given = (jnp.asarray(controls_of(problem.steps)), measurements, jnp.arange(problem.steps))
     mean, variance = jax.lax.scan(step, first, given)[1]
     return jnp.append(first.mean, mean), jnp.append(first.cov[0], variance)

@@ -15,7 +15,7 @@ import numpy as np
 from jax import Array
 
 from ...belief.prior import prior
-from ...belief.riccati import kalman_bucy
+from ...belief.riccati import kalman_bucy_gain
 from ...belief.schedule import gain_schedule
 from ...filters import EKF, ParticleFilter
 from ...problem import Problem
@@ -103,7 +103,7 @@ def kalman_bucy_path(problem: Problem, dy: Reals) -> Moments:
     found = jax.jit(gain_schedule, static_argnames="method")(
         problem, prior(problem), jnp.asarray(u)[:, None], "riccati"
     )
-    last, _ = kalman_bucy(found.cov[-1], jnp.array([[C]]), system.sigma_o(found.mean[-1]) ** 2)
+    last, _ = kalman_bucy_gain(found.cov[-1], jnp.array([[C]]), system.sigma_o(found.mean[-1]) ** 2)
     K = np.append(np.asarray(found.gain).ravel(), last)
     mean = np.full((problem.steps + 1, dy.shape[1]), PRIOR_MEAN)
     rate, push = (A - K * C) * problem.dt / 2, B * u * dt
@@ -159,7 +159,7 @@ def channel_check(u: float = 0.7) -> Check:
         kushner.drift_channel(np.abs(bands), p),
         p * (np.abs(c) + C * PRIOR_MEAN) / model.R_o,
     )
-    K, _ = kalman_bucy(prior(problem).cov, jnp.array([[C]]), jnp.array([[model.R_o]]))
+    K, _ = kalman_bucy_gain(prior(problem).cov, jnp.array([[C]]), jnp.array([[model.R_o]]))
     off = []
     for channel, rounded, moved in (
         (a, rounded_a, A * PRIOR_MEAN + B * u),

@@ -22,7 +22,7 @@ from jax import Array
 from scipy.linalg import expm
 
 from ...belief.prior import prior
-from ...belief.riccati import kalman_bucy
+from ...belief.riccati import kalman_bucy_gain
 from ...belief.schedule import GainSchedule, gain_schedule
 from ...costs import GoalObstacleCost
 from ...matching.sensor import matching_sensor
@@ -213,7 +213,7 @@ def _residuals(at: Problem, rotation: Array, limits: Array, covs: Array) -> Arra
             jnp.linalg.cholesky(cov), G, at.cost.R, TEMPERATURE, noise, 0.0, limit
         )
         return residual(
-            kalman_bucy(cov, C, noise @ noise.T)[1], G, matched_weight(at.cost.R, TEMPERATURE)
+            kalman_bucy_gain(cov, C, noise @ noise.T)[1], G, matched_weight(at.cost.R, TEMPERATURE)
         )
 
     return jax.vmap(jax.vmap(of, (None, 0)), (0, None))(limits, covs)

@@ -23,7 +23,7 @@ from scipy.linalg import expm, solve_continuous_are, solve_discrete_are
 
 from ...belief.kalman import predict
 from ...belief.prior import prior
-from ...belief.riccati import kalman_bucy, riccati_rate
+from ...belief.riccati import kalman_bucy_gain, riccati_rate
 from ...belief.schedule import GainSchedule, gain_schedule
 from ...controllers import LQG
 from ...costs import GoalObstacleCost
@@ -112,7 +112,7 @@ def reference() -> Reference:
         flat, (0, DURATION), start.ravel(), method="DOP853", rtol=LOCAL, atol=LOCAL * start.max()
     )
     covs = found.y.T.reshape(-1, *start.shape)
-    K, D = kalman_bucy(jnp.asarray(covs[-1]), jnp.asarray(C), jnp.asarray(R_O))
+    K, D = kalman_bucy_gain(jnp.asarray(covs[-1]), jnp.asarray(C), jnp.asarray(R_O))
     condition = float(np.max(np.linalg.cond(covs)))
     error = len(covs) * condition * 2 * LOCAL * len(start) * norm(covs[-1])
     return Reference(covs[-1], np.asarray(K), np.asarray(D), error, condition)
