@@ -11,7 +11,7 @@ def workload(overrides: list[str] | None = None) -> dict[str, Any]:
     cost = config["cost"]
     problem = config["problem"]
     planner = config["controller"]
-    obstacles = config["system"]["obstacles"]
+    obstacles = problem["obstacles"]
     return {
         "dt": problem["dt"],
         "steps": problem["steps"],

@@ -49,16 +49,31 @@ def light_dark_problem(
         "running_weight": [1.5, 1.5, 0.6, 0.6],
         "terminal_weight": [5, 5, 0.15, 0.15],
         "control_weight": [0.035, 0.035],
-        "obstacles": obstacles,
         "w_obs": 500,
         "bump_width": 0.285,
     }
-    rest = {"prior_mean": [1, 1, 0, 0], "prior_std": [0.2, 0.2, 0.05, 0.05], "dt": 0.1, "steps": 60}
+    rest = {
+        "prior_mean": [1, 1, 0, 0],
+        "prior_std": [0.2, 0.2, 0.05, 0.05],
+        "dt": 0.1,
+        "steps": 60,
+        "obstacles": obstacles,
+        "position": (0, 1),
+    }
     return mb.Problem(
-        mb.LightDark(**{"obstacles": obstacles} | noise | (system or {})),
+        mb.LightDark(**noise | (system or {})),
         mb.GoalObstacleCost(**aims | (cost or {})),
         **rest | problem,
     )
+
+
+def plain_problem(cost: mb.Cost, **problem) -> mb.Problem:
+    """A problem with this cost, whose state stays where it is and is measured with unit noise."""
+    nx = len(cost.goal)
+    rest = {"prior_mean": np.zeros(nx), "prior_std": np.ones(nx), "dt": 1.0, "steps": 1}
+    eye = np.eye(nx)
+    system = mb.Linear(0 * eye, eye, eye, 0 * eye, np.ones(nx))
+    return mb.Problem(system, cost, **rest | problem)
 
 
 class Scalar(NamedTuple):
@@ -90,20 +105,22 @@ class Scalar(NamedTuple):
         return self.temperature * self.b**2 / self.diffusion
 
     def problem(self, steps: int = 10, noise_convention: str = "intensity") -> mb.Problem:
-        system = mb.ScalarLinear(
-            self.a, self.b, self.c, self.sigma_w, self.sigma_o, noise_convention
-        )
+        system = mb.ScalarLinear(self.a, self.b, self.c, self.sigma_w, self.sigma_o)
         cost = mb.GoalObstacleCost(
             [0.0],
             [self.q],
             [self.q_T],
             [self.R],
-            mb.Obstacles(np.zeros((0, 1)), 0),
-            w_obs=0,
-            bump_width=1,
         )
         prior = {"prior_mean": [self.mean], "prior_std": [np.sqrt(self.variance)]}
-        return mb.Problem(system, cost, **prior, dt=self.duration / steps, steps=steps)
+        return mb.Problem(
+            system,
+            cost,
+            **prior,
+            dt=self.duration / steps,
+            steps=steps,
+            noise_convention=noise_convention,
+        )
 
 
 class Info(NamedTuple):
@@ -122,7 +139,7 @@ class Feedback:
     def act(
         self, problem: mb.Problem, belief: mb.Belief, plan: Array, key: Array
     ) -> tuple[Array, Array, Info]:
-        return -self.gain * problem.system.position(belief.mean), plan, Info(jnp.ones(()))
+        return -self.gain * problem.position_of(belief.mean), plan, Info(jnp.ones(()))
 
 
 def random_spd(rng: np.random.Generator, n: int, low: float = 0.5, high: float = 2.0) -> np.ndarray:

@@ -11,11 +11,9 @@ def random_problem(
     """A random linear-quadratic problem without obstacles, its goal not an equilibrium."""
     A = rng.normal(size=(nx, nx))
     B = rng.normal(size=(nx, nu))
-    system = mb.Linear(A, B, np.eye(1, nx), 0.2 * np.eye(nx), [0.3], noise_convention="sample")
+    system = mb.Linear(A, B, np.eye(1, nx), 0.2 * np.eye(nx), [0.3])
     running, terminal, control = (np.diag(rng.uniform(0.5, 2, n)) for n in (nx, nx, nu))
-    cost = mb.GoalObstacleCost(
-        rng.normal(size=nx), running, terminal, control, mb.Obstacles([], 0), 0, 1
-    )
+    cost = mb.GoalObstacleCost(rng.normal(size=nx), running, terminal, control)
     return mb.Problem(system, cost, rng.normal(size=nx), np.full(nx, 0.1), dt=0.1, steps=steps)
 
 

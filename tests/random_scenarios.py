@@ -192,9 +192,7 @@ def problem(system: str, n: Numbers) -> mb.Problem:
     obstacles = mb.Obstacles(n["centers"], n["radius"])
     made: Any
     if system == "light_dark":
-        made = mb.LightDark(
-            obstacles, n["process_noise"], 1.0, n["noise_slope"], n["sensor_noise"][0]
-        )
+        made = mb.LightDark(n["process_noise"], 1.0, n["noise_slope"], n["sensor_noise"][0])
     elif system == "scalar_linear":
         made = mb.ScalarLinear(
             n["A"][0], n["B"][0], n["C"][0], n["process_noise"], n["sensor_noise"][0]
@@ -204,8 +202,18 @@ def problem(system: str, n: Numbers) -> mb.Problem:
     weights = _of(
         n, "goal", "running_weight", "terminal_weight", "control_weight", "w_obs", "bump_width"
     )
-    cost = mb.GoalObstacleCost(obstacles=obstacles, **weights)
-    return mb.Problem(made, cost, n["prior_mean"], n["prior_std"], n["dt"], STEPS)
+    cost = mb.GoalObstacleCost(**weights)
+    return mb.Problem(
+        made,
+        cost,
+        n["prior_mean"],
+        n["prior_std"],
+        n["dt"],
+        STEPS,
+        obstacles=obstacles,
+        position=(0, 1) if system == "light_dark" else None,
+        noise_convention="sample" if system == "light_dark" else "intensity",
+    )
 
 
 class Loop(NamedTuple):

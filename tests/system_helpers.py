@@ -10,9 +10,7 @@ NOISE = {"distance_floor": 0.1, "distance_slope": 0.2, "bearing_floor": 0.03, "b
 
 
 def beacons(**changed) -> mb.Beacons:
-    obstacles = mb.Obstacles(centers=[[3, 1]], radius=0.5)
     given = {
-        "obstacles": obstacles,
         "beacons": BEACONS,
         "anchor": ANCHOR,
         "turn_noise": 0.2,
@@ -27,18 +25,26 @@ def turned(angle: np.ndarray, period: float = 2 * np.pi) -> np.ndarray:
 
 
 def pendulum(**changed) -> mb.Pendulum:
-    given = {"obstacles": mb.Obstacles([[2.0]], 0.25), "gravity": 3.0, "damping": 0.5}
+    given = {"gravity": 3.0, "damping": 0.5}
     return mb.Pendulum(
         **given | {"process_noise": 0.3, "sensor_noise": 0.1, "anchor": 1.2} | changed
     )
 
 
-def platform_problem(**changes: object) -> mb.Problem:
+def platform_problem(noise_convention: str = "intensity", **changes: object) -> mb.Problem:
     """Two coupled oscillators, gusts on both."""
     A = np.array([[0, 0, 1, 0], [0, 0, 0, 1], [-1, 0.3, -0.5, 0], [0.1, -1, 0, -0.5]])
     G = np.eye(4)[:, 2:]
     R = np.array([[5.0, 1.0], [1.0, 6.0]])
-    system = mb.Steered(A, G, np.eye(2, 4), 0.5 * G, [0.3, 0.2], R, 1.0, **changes)
-    none = mb.Obstacles(np.zeros((0, 2)), 0)
-    cost = mb.GoalObstacleCost(np.zeros(4), np.ones(4), np.ones(4), R, none, 0, 1)
-    return mb.Problem(system, cost, [0.3, 0, 0, 0.2], [0.4, 0.5, 0.5, 0.4], dt=0.1, steps=12)
+    system = mb.Steered(A, G, np.eye(2, 4), 0.5 * G, [0.3, 0.2], 1.0, **changes)
+    cost = mb.GoalObstacleCost(np.zeros(4), np.ones(4), np.ones(4), R)
+    return mb.Problem(
+        system,
+        cost,
+        [0.3, 0, 0, 0.2],
+        [0.4, 0.5, 0.5, 0.4],
+        dt=0.1,
+        steps=12,
+        position=(0, 1),
+        noise_convention=noise_convention,
+    )

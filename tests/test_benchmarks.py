@@ -106,12 +106,12 @@ def test_the_work_is_what_the_configuration_says(workload):
     np.testing.assert_allclose(problem.cost.base(x), quadratic["running_weight"], rtol=1e-6)
     np.testing.assert_allclose(problem.cost.terminal(x), quadratic["terminal_weight"], rtol=1e-6)
     bumps = workload["w_obs"] * np.sum(np.exp(-0.5 * apart / width**2))
-    np.testing.assert_allclose(problem.cost.penalty(x), bumps, rtol=1e-6)
+    np.testing.assert_allclose(problem.penalty(x), bumps, rtol=1e-6)
     np.testing.assert_allclose(problem.cost.R, np.diag(workload["control_weight"]), rtol=1e-6)
     moved = x + (problem.system.f(x) + problem.system.G(x) @ u) * problem.dt
     np.testing.assert_allclose(plant.plant_step(workload, x.tolist(), u.tolist()), moved, rtol=1e-6)
     clearance = plant.judge(workload, [x.tolist()])["clearance"]
-    np.testing.assert_allclose(clearance, problem.system.clearance(x), rtol=1e-6)
+    np.testing.assert_allclose(clearance, problem.clearance(x), rtol=1e-6)
 
 
 def test_a_subject_answers_line_by_line_and_survives_its_errors(workload):

@@ -60,7 +60,7 @@ def another(config: dict[str, Any]) -> dict[str, Any]:
     changed = (
         config | {group: moved(config[group]) for group in GROUPS} | {"seed": config["seed"] + 1}
     )
-    assert changed["system"]["obstacles"]["centers"] != config["system"]["obstacles"]["centers"]
+    assert changed["problem"]["obstacles"]["centers"] != config["problem"]["obstacles"]["centers"]
     return changed
 
 
@@ -99,7 +99,7 @@ def test_no_word_of_a_sweep_over_numbers_compiles_anything_anew():
         ("planner.temperature=2",),
         ("planner.control_std=1",),
         ("problem.dt=1", "problem.prior_std=[1,1,0,0]"),
-        ("system.obstacles.centers=[[2,0],[4,1]]", "system.light=4"),
+        ("problem.obstacles.centers=[[2,0],[4,1]]", "system.light=4"),
     ]
     with noted(COMPILED) as compiled, noted(TRACED) as traced:
         sample_sizes = {row_of(compose(*PLANNER, *change))["ess"] for change in changes}

@@ -116,7 +116,7 @@ def test_plant_noise_has_the_distribution_of_the_model(problem, x64):
 
 @pytest.mark.parametrize("convention", ["sample", "intensity"])
 def test_one_step_of_the_plant_follows_the_noise_convention(convention, x64):
-    problem = light_dark_problem(system={"noise_convention": convention})
+    problem = light_dark_problem(noise_convention=convention)
     x = jnp.array([3.0, 0.5, 1.0, -1.0])
     u = jnp.array([2.0, 0.0])
     step = quick_jit(jax.vmap(lambda key: plant_step(problem, x, u, key)))
@@ -203,12 +203,11 @@ def test_a_collision_at_any_state_counts_the_first_and_last_included(touched, pr
 
 @quick_jit
 def judge(problem: mb.Problem, states: np.ndarray, radius: float) -> mb.Metrics:
-    system = replace(problem.system, obstacles=mb.Obstacles(CENTERS, radius))
     rest = jnp.zeros((STEPS, 2))
     trial = mb.Trial(
         states, mb.Belief(states, states), controls=rest, measurements=rest, ess=jnp.ones(STEPS)
     )
-    return mb.metrics(replace(problem, system=system), trial)
+    return mb.metrics(replace(problem, obstacles=mb.Obstacles(CENTERS, radius)), trial)
 
 
 def test_costs_leave_the_obstacle_penalty_out(problem, x64):

@@ -13,7 +13,7 @@ from helpers import Info
 from mppi_belief.structs import choice, number, struct
 
 CALLS: list[str] = []
-SPOILABLE = ("f", "G", "H", "c", "sigma_o", "position", "clearance")
+SPOILABLE = ("f", "G", "H", "c", "sigma_o")
 
 
 def launch(*args: Any, **settings: Any) -> None:
@@ -65,7 +65,6 @@ class Drifting:
     growth: float = number(0.0)
     wrong: str = choice("nothing", *SPOILABLE)
     how: str = choice("shape", "raises", *SPOILS)
-    noise_convention: str = choice("sample", "intensity", "neither")
 
     def _right(self, name: str, value: Array) -> Any:
         if self.wrong != name:
@@ -90,19 +89,67 @@ class Drifting:
     def sigma_o(self, x: Array) -> Array:
         return self._right("sigma_o", jnp.full((1, 1), 0.2))
 
-    def position(self, x: Array) -> Array:
-        return self._right("position", x[:1])
 
-    def clearance(self, x: Array) -> Array:
-        return self._right("clearance", x[0] * 0 + 1)
+@struct
+class Fog:
+    """Obstacles that are one metre away wherever the position is, spoilt in the way of `how`."""
+
+    how: str = choice("nothing", "raises", *SPOILS)
+
+    def clearance(self, position: Array) -> Array:
+        if self.how == "raises":
+            raise RuntimeError("clearance is not feeling well\nat all")
+        distance = position[0] * 0 + 1
+        return distance if self.how == "nothing" else SPOILS[self.how](distance)
+
+
+@struct
+class Ghost:
+    """Obstacles that nobody can measure the distance to."""
 
 
 @struct
 class Mute:
     """A system that cannot be heard: it has no `c`."""
 
-    noise_convention: str = choice("sample")
-    H = f = G = sigma_o = position = clearance = lambda self, x: x
+    H = property(lambda self: jnp.eye(2))
+    f = G = sigma_o = lambda self, x: x
+
+
+@struct
+class Moored(Drifting):
+    """A system with what is given to the problem: its position, its obstacles and its noise."""
+
+    noise_convention: str = choice("sample", "intensity")
+
+    def position(self, x: Array) -> Array:
+        return x[:1]
+
+    def clearance(self, x: Array) -> Array:
+        return x[0]
+
+
+@struct
+class Squally(Drifting):
+    """A system whose process noise is a method of the state."""
+
+    def H(self, x: Array) -> Array:
+        return x[0] * jnp.eye(2)
+
+
+@struct
+class Rows:
+    """A system whose size is a field that was not declared with `size`."""
+
+    n: int = 2
+    H = property(lambda self: jnp.eye(2))
+    c = f = lambda self, x: x
+
+    def G(self, x: Array) -> Array:
+        return jnp.zeros((self.n, 1))
+
+    def sigma_o(self, x: Array) -> Array:
+        return jnp.eye(2)
 
 
 @struct
@@ -126,11 +173,19 @@ class Price:
     def base(self, x: Array) -> Array:
         return self._right("base", jnp.sum(x**2))
 
-    def penalty(self, x: Array) -> Array:
+    def penalty(self, x: Array, surroundings: mb.Surroundings) -> Array:
         return self._right("penalty", jnp.sum(x))
 
     def terminal(self, x: Array) -> Array:
         return self._right("terminal", jnp.sum(x))
+
+
+@struct
+class Blind(Price):
+    """A cost whose penalty does not take the surroundings."""
+
+    def penalty(self, x: Array) -> Array:
+        return jnp.sum(x)
 
 
 @struct

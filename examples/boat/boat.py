@@ -13,13 +13,11 @@ class Boat:
     dp = (current(p) + u) dt + sigma_w dw,    y = p + sigma_o(p) v,    sigma_o grows with the distance from the radar
     """
 
-    rocks: mb.Obstacles
     current: float = mb.number()  # m/s, to the north in mid-stream (east = 0)
     gusts: float = mb.number(ge=0)  # sigma_w, m/s^0.5
     radar: Array = mb.array(ndim=1)  # where it stands, m
     resolution: float = mb.number(gt=0)  # m, at the radar
     spread: float = mb.number(ge=0)  # m for each m of distance
-    noise_convention: str = mb.choice("sample", "intensity")
 
     @property
     def H(self) -> Array:
@@ -38,12 +36,6 @@ class Boat:
         away = x - jnp.asarray(self.radar)
         return (self.resolution + self.spread * jnp.sqrt(away @ away + 1e-6)) * jnp.eye(2)
 
-    def position(self, x: Array) -> Array:
-        return x
-
-    def clearance(self, x: Array) -> Array:
-        return self.rocks.clearance(x)
-
 
 @mb.struct
 class Crossing:
@@ -56,7 +48,6 @@ class Crossing:
     effort: float = mb.number(gt=0)  # R
     w_obs: float = mb.number(ge=0)
     reach: float = mb.number(gt=0)  # m, of the danger
-    rocks: mb.Obstacles
 
     @property
     def R(self) -> Array:
@@ -65,8 +56,8 @@ class Crossing:
     def base(self, x: Array) -> Array:
         return 0.5 * jnp.sum((x - jnp.asarray(self.goal)) ** 2)
 
-    def penalty(self, x: Array) -> Array:
-        return self.w_obs / (1.0 + jnp.exp(self.rocks.clearance(x) / self.reach))
+    def penalty(self, x: Array, surroundings: mb.Surroundings) -> Array:
+        return self.w_obs / (1.0 + jnp.exp(surroundings.clearance(x) / self.reach))
 
     def terminal(self, x: Array) -> Array:
         return 4.0 * self.base(x)

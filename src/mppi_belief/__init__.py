@@ -3,12 +3,15 @@
     import mppi_belief as mb
 
     obstacles = mb.Obstacles(centers=[[3, 1], [3, -1]], radius=0.65)
-    system = mb.LightDark(obstacles, process_noise=0.3, light=5, noise_slope=0.5**0.5, noise_floor=0.1)
+    system = mb.LightDark(process_noise=0.3, light=5, noise_slope=0.5**0.5, noise_floor=0.1)
     cost = mb.GoalObstacleCost(
         goal=[7, 0, 0, 0], running_weight=[1.5, 1.5, 0.6, 0.6], terminal_weight=[5, 5, 0.15, 0.15],
-        control_weight=[0.035, 0.035], obstacles=obstacles, w_obs=500, bump_width=0.285,
+        control_weight=[0.035, 0.035], w_obs=500, bump_width=0.285,
     )
-    problem = mb.Problem(system, cost, prior_mean=[1, 1, 0, 0], prior_std=[0.2, 0.2, 0.05, 0.05], dt=0.1, steps=60)
+    problem = mb.Problem(
+        system, cost, prior_mean=[1, 1, 0, 0], prior_std=[0.2, 0.2, 0.05, 0.05], dt=0.1, steps=60,
+        obstacles=obstacles, position=(0, 1),
+    )
     trial = mb.simulate_trial(problem, mb.EKF(), mb.MPPIBelief(theta=1, control_std=2.75), seed=0, trial=0)
     print(mb.metrics(problem, trial))
 
@@ -24,7 +27,9 @@ _HOME = {
     "Cost": "problem",
     "CostMoments": "problem",
     "Filter": "problem",
+    "ObstacleShape": "problem",
     "Problem": "problem",
+    "Surroundings": "problem",
     "System": "problem",
     "Obstacles": "obstacles",
     "Beacons": "systems",
@@ -54,6 +59,7 @@ _HOME = {
     "number": "structs",
     "array": "structs",
     "size": "structs",
+    "indices": "structs",
     "choice": "structs",
 }
 

@@ -4,7 +4,7 @@
     y_k     = c(x_k) + v_k,                                v_k ~ N(0, R_s(x_k))
 
 A measurement is the increment of (1b) over a step divided by dt, so its covariance R_s and the
-intensity R_o of the continuous theory obey R_o = R_s dt. A system's `noise_convention` says which
+intensity R_o of the continuous theory obey R_o = R_s dt. A problem's `noise_convention` says which
 of the two its sigma_o gives: "sample": R_s = sigma_o sigma_o'; "intensity": R_o = sigma_o sigma_o'.
 """
 
@@ -13,24 +13,29 @@ from collections.abc import Callable
 import jax.numpy as jnp
 from jax import Array
 
-from .problem import System, WrappedMeasurements
+from .problem import Problem, System, WrappedMeasurements
 
 
 def euler_step(system: System, x: Array, u: Array, dt: Array | float) -> Array:
-    """The noise-free step of (18): x (nx,), u (nu,) -> (nx,)."""
+    """Return the noise-free step of (18): x (nx,), u (nu,) -> (nx,)."""
     return x + (system.f(x) + system.G(x) @ u) * dt
 
 
-def measurement_factor(system: System, x: Array, dt: Array | float) -> Array:
-    """F with F F' = R_s(x): v = F n for standard normal n; (ny, ny)."""
-    scale = 1.0 if system.noise_convention == "sample" else 1.0 / jnp.sqrt(dt)
-    return system.sigma_o(x) * scale
+def measurement_factor(problem: Problem, x: Array) -> Array:
+    """Return F (ny, ny) with F F' = R_s(x): the noise is v = F n for standard normal n."""
+    scale = 1.0 if problem.noise_convention == "sample" else 1.0 / jnp.sqrt(problem.dt)
+    return problem.system.sigma_o(x) * scale
 
 
-def measurement_cov(system: System, x: Array, dt: Array | float) -> Array:
-    """Covariance R_s of one measurement at x (ny, ny)."""
-    factor = measurement_factor(system, x, dt)
+def measurement_cov(problem: Problem, x: Array) -> Array:
+    """Return the covariance R_s (ny, ny) of one measurement at x (nx,)."""
+    factor = measurement_factor(problem, x)
     return factor @ factor.T
+
+
+def measurement_intensity(problem: Problem, x: Array) -> Array:
+    """Return the intensity R_o = R_s dt (ny, ny) of the continuous measurement (1b) at x (nx,)."""
+    return measurement_cov(problem, x) * problem.dt
 
 
 def measurement_difference(system: System, y: Array, predicted: Array) -> Array:
@@ -49,8 +54,3 @@ def unwrapped_measurement(system: System, center: Array) -> Callable[[Array], Ar
         return system.c
     middle = system.c(center)
     return lambda x: middle + measurement_difference(system, system.c(x), middle)
-
-
-def measurement_intensity(system: System, x: Array, dt: Array | float) -> Array:
-    """Intensity R_o = R_s dt of the continuous measurement (1b) at x (ny, ny)."""
-    return measurement_cov(system, x, dt) * dt

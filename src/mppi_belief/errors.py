@@ -21,6 +21,12 @@ def plain_line(text: str) -> str:
     return shown if len(shown) <= LONGEST_LINE else f"{shown[: LONGEST_LINE - 4]} ..."
 
 
+def first_line(error: BaseException) -> str:
+    """Return the first line of what an exception says, or its name if it says nothing."""
+    lines = str(error).strip().splitlines()
+    return lines[0] if lines else type(error).__name__
+
+
 def unknown_key(
     key: str, known: Sequence[str], what: str = "key", see: str = "mppi-belief run --help"
 ) -> str:

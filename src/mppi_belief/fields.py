@@ -21,6 +21,7 @@ import dataclasses
 import math
 import numbers
 import re
+from collections.abc import Iterable
 from typing import Any, Protocol
 
 RULE = "rule"  # the key of a field's metadata under which its rule lies
@@ -76,6 +77,27 @@ class WholeNumber:
         number = int(value)
         check_range(number, self)
         return number
+
+
+@dataclasses.dataclass(frozen=True)
+class Indices:
+    """Accepts distinct whole numbers from 0, and None where that is optional; gives a tuple."""
+
+    optional: bool = False  # whether None is allowed
+
+    def check(self, value: Any) -> tuple[int, ...] | None:
+        """Return the value as a tuple of int."""
+        if value is None and self.optional:
+            return None
+        if isinstance(value, (str, bytes, dict)) or not isinstance(value, Iterable):
+            raise ValueError(f"must be a list of whole numbers, got {value!r}")
+        given = tuple(value)
+        for number in given:
+            WholeNumber(ge=0).check(number)
+        indices = tuple(map(int, given))
+        if not indices or len(set(indices)) < len(indices):
+            raise ValueError(f"must be one or more distinct whole numbers, got {list(given)}")
+        return indices
 
 
 @dataclasses.dataclass(frozen=True)

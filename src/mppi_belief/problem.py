@@ -1,11 +1,11 @@
-"""The partially observed control problem (Sec. II): what is controlled, seen and paid for.
+"""The partially observed control problem (Sec. II): what is controlled, measured and charged.
 
     dx = f(x) dt + G(x) u dt + H dw                                                  (1a)
     dy = c(x) dt + sigma_o(x) dnu                                                    (1b)
     J  = E[ phi(x_T) + int_0^T ( q(x_s) + 1/2 u_s' R u_s ) ds ]                      (2)
 
-Symbols: nx states, nu controls, ny measurements, nw noise channels. All functions take one state,
-without batch dimensions; batches are made by `jax.vmap`.
+Symbols: nx states, nu controls, ny measurements, nw noise channels, d components of the position.
+All functions take one state, without batch dimensions; batches are made by `jax.vmap`.
 
     here            paper                here             paper
     f, G, c         f, G, c              mean, cov        mu, Sigma
@@ -13,22 +13,27 @@ without batch dimensions; batches are made by `jax.vmap`.
     sigma_o         sigma_o              R                R (control weight)
     base + penalty  q-bar                temperature      lambda
     terminal        phi-bar              dt               Delta t
+
+The system says how the state moves and is measured, the cost what is charged. The obstacles, which
+components of the state are the position, and what sigma_o means are given once, to the problem.
 """
 
 from __future__ import annotations
 
+import inspect
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
+import jax.numpy as jnp
 from jax import Array
 
-from .structs import array, number, size, struct
+from .structs import array, choice, indices, number, size, struct
 
 
 class Belief(NamedTuple):
-    """A Gaussian belief N(mean, cov): mean (nx,), cov (nx, nx)."""
+    """A Gaussian belief N(mean, cov)."""
 
-    mean: Array
-    cov: Array
+    mean: Array  # (nx,)
+    cov: Array  # (nx, nx)
 
 
 @runtime_checkable
@@ -37,10 +42,6 @@ class System(Protocol):
 
     Optional abilities: `WrappedMeasurements` and `SteerableSensor`.
     """
-
-    @property
-    def noise_convention(self) -> str:
-        """What sigma_o means: "sample" or "intensity", see `mppi_belief.discretise`."""
 
     @property
     def H(self) -> Array:
@@ -58,11 +59,49 @@ class System(Protocol):
     def sigma_o(self, x: Array) -> Array:
         """Measurement noise: (nx,) -> (ny, ny), invertible."""
 
+
+@runtime_checkable
+class ObstacleShape(Protocol):
+    """Obstacles in the space of positions."""
+
+    def clearance(self, position: Array) -> Array:
+        """Distance to the nearest surface, negative inside: (d,) -> ()."""
+
+
+class Surroundings(NamedTuple):
+    """The obstacles and the position of a problem, as a cost asks for them: by the state."""
+
+    obstacles: ObstacleShape | None  # in the space of positions; None: there are none
+    components: tuple[int, ...] | None  # of the state that are the position; None: all
+
     def position(self, x: Array) -> Array:
-        """The components in which distances are measured: (nx,) -> (d,)."""
+        """Return the position of a state: (nx,) -> (d,)."""
+        if self.components is None:
+            return x
+        if max(self.components) >= len(x):
+            raise ValueError(f"position {list(self.components)} is not in a state of {len(x)}")
+        if self.position_leads:
+            return x[: len(self.components)]
+        return jnp.stack([x[i] for i in self.components])
 
     def clearance(self, x: Array) -> Array:
-        """Distance from x to the nearest obstacle surface, negative inside; inf without obstacles."""
+        """Return the distance from a state to the nearest surface: (nx,) -> ().
+
+        It is negative inside an obstacle and inf without obstacles.
+        """
+        if self.obstacles is None:
+            return jnp.asarray(jnp.inf)
+        return self.obstacles.clearance(self.position(x))
+
+    @property
+    def position_leads(self) -> bool:
+        """Whether the position is the first components of the state, in their order."""
+        return self.components is None or self.components == tuple(range(len(self.components)))
+
+    def position_first(self, nx: int) -> list[int]:
+        """Return the order of the nx components of a state that brings its position to the front."""
+        front = list(range(nx) if self.components is None else self.components)
+        return front + [i for i in range(nx) if i not in front]
 
 
 @runtime_checkable
@@ -80,10 +119,10 @@ class WrappedMeasurements(Protocol):
 class SteerableSensor(Protocol):
     """Optional ability of a system whose sensor follows the belief."""
 
-    def aimed(self, mean: Array, root: Array, dt: Array | float, sampled: bool) -> System:
+    def aimed(self, problem: Problem, mean: Array, root: Array, sampled: bool) -> System:
         """The system with the sensor chosen for a belief N(mean (nx,), root root' (nx, nx)).
 
-        The choice may depend on nothing else, since filter, plant and planner each make it. With
+        The choice may depend on nothing else but the problem, since filter, plant and planner each make it. With
         `sampled` the belief is the predicted one, before a measurement every dt; otherwise it is
         that of (8) at t.
         """
@@ -104,29 +143,29 @@ class Cost(Protocol):
     def base(self, x: Array) -> Array:
         """Running cost counted in results: (nx,) -> ()."""
 
-    def penalty(self, x: Array) -> Array:
-        """Running cost that only steers the planner (obstacles): (nx,) -> ()."""
+    def penalty(self, x: Array, surroundings: Surroundings) -> Array:
+        """Running cost that only steers the planner, such as that of obstacles: (nx,) -> ()."""
 
     def terminal(self, x: Array) -> Array:
         """Terminal cost: (nx,) -> ()."""
 
 
 class CostMoments(NamedTuple):
-    """Moments of base and penalty under a Gaussian belief; every field ()."""
+    """Moments of base and penalty under a belief; every field is ()."""
 
-    base: Array
-    penalty: Array
-    base_var: Array
-    penalty_var: Array
-    covariance: Array
+    base: Array  # expectation of base
+    penalty: Array  # expectation of penalty
+    base_var: Array  # variance of base
+    penalty_var: Array  # variance of penalty
+    covariance: Array  # covariance of base and penalty
 
 
 @runtime_checkable
 class ClosedFormCost(Cost, Protocol):
-    """A cost that knows its Gaussian moments; others are integrated by `mppi_belief.numerics.quadrature`."""
+    """A cost that knows its Gaussian moments; `mppi_belief.numerics.quadrature` integrates others."""
 
-    def running_moments(self, mean: Array, cov: Array) -> CostMoments:
-        """Moments under N(mean, cov)."""
+    def running_moments(self, mean: Array, cov: Array, surroundings: Surroundings) -> CostMoments:
+        """Moments under N(mean, cov), mean (nx,) and cov (nx, nx)."""
 
     def terminal_mean(self, mean: Array, cov: Array) -> Array:
         """Expected terminal cost under N(mean, cov): ()."""
@@ -173,17 +212,58 @@ class Controller(Protocol):
 
 @struct
 class Problem:
-    """Problem 1 with its prior N(prior_mean, diag(prior_std^2)) and its time grid t_k = k dt, k = 0..steps.
+    """Problem 1 with its prior N(prior_mean, diag(prior_std^2)) and its time grid t_k = k dt.
 
-    With `prior_modes` (m, nx) the prior is the mixture of m Gaussians N(prior_mean + mode, diag(prior_std^2)), all
-    as likely unless `prior_weights` (m,) says otherwise (they need not add up to one).
+    With `prior_modes` the prior is a mixture of m Gaussians N(prior_mean + mode, diag(prior_std^2)).
+    Raises `ValueError` for a system that has a position, a clearance or a noise convention of its own.
     """
 
     system: System
     cost: Cost
-    prior_mean: Array = array(ndim=1)
-    prior_std: Array = array(ndim=1, ge=0)
-    dt: float = number(gt=0)
-    steps: int = size()
-    prior_modes: Array | None = array(default=None, ndim=2, optional=True)
-    prior_weights: Array | None = array(default=None, ndim=1, gt=0, optional=True)
+    prior_mean: Array = array(ndim=1)  # (nx,)
+    prior_std: Array = array(ndim=1, ge=0)  # (nx,)
+    dt: float = number(gt=0)  # s
+    steps: int = size()  # k = 0..steps
+    obstacles: ObstacleShape | None = None  # None: there are none
+    position: tuple[int, ...] | None = indices(default=None, optional=True)  # components; None: all
+    noise_convention: str = choice("sample", "intensity", default="sample")  # see `discretise`
+    prior_modes: Array | None = array(default=None, ndim=2, optional=True)  # (m, nx)
+    prior_weights: Array | None = array(default=None, ndim=1, gt=0, optional=True)  # (m,), any sum
+
+    def __post_init__(self) -> None:
+        """Refuse a system that has what is given to the problem."""
+        owned = [name for name in _GIVEN_TO_THE_PROBLEM if _has(self.system, name)]
+        if owned:
+            given = "; ".join(_GIVEN_TO_THE_PROBLEM[name] for name in owned)
+            kind = type(self.system).__name__
+            raise ValueError(f"system: {kind} has {', '.join(owned)}; give the problem {given}")
+
+    @property
+    def surroundings(self) -> Surroundings:
+        """The obstacles and the position, as a cost asks for them."""
+        return Surroundings(self.obstacles, self.position)
+
+    def position_of(self, x: Array) -> Array:
+        """Return the position of a state: (nx,) -> (d,)."""
+        return self.surroundings.position(x)
+
+    def clearance(self, x: Array) -> Array:
+        """Return the distance from a state to the nearest obstacle, inf without: (nx,) -> ()."""
+        return self.surroundings.clearance(x)
+
+    def penalty(self, x: Array) -> Array:
+        """Return the running cost that only steers the planner: (nx,) -> ()."""
+        return self.cost.penalty(x, self.surroundings)
+
+
+_GIVEN_TO_THE_PROBLEM = {
+    "position": "position, the components of the state that are the position, such as [0, 1]",
+    "clearance": "obstacles, a class with clearance(position)",
+    "noise_convention": "noise_convention, sample or intensity",
+}
+
+
+def _has(system: Any, name: str) -> bool:
+    """Whether a system has a method, or a field or property that is the noise convention."""
+    member = inspect.getattr_static(system, name, None)
+    return inspect.isfunction(member) or (name == "noise_convention" and member is not None)

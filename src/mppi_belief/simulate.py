@@ -117,5 +117,5 @@ def plant_step(problem: Problem, x: Array, u: Array, key: Array) -> tuple[Array,
     state_key, sensor_key = jax.random.split(key)
     w = standard_normal(state_key, (system.H.shape[1],))
     x = euler_step(system, x, u, problem.dt) + system.H @ w * jnp.sqrt(problem.dt)
-    factor = measurement_factor(system, x, problem.dt)
+    factor = measurement_factor(problem, x)
     return x, system.c(x) + factor @ standard_normal(sensor_key, (factor.shape[1],))

@@ -5,6 +5,7 @@
         gain: float = number(1.0, ge=0)            # traced: a sweep over it compiles once
         weights: Array = array(ndim=1)             # lists become arrays
         n_samples: int = size(500)                 # static: a new value compiles anew
+        sensors: tuple = indices((0, 1))           # static
         mode: str = choice("mean", "belief")       # static, first option is the default
 
 Values given by a person (Python numbers, lists, NumPy arrays) are converted and checked when the
@@ -17,7 +18,7 @@ from typing import Any, TypeVar, dataclass_transform
 import jax
 import numpy as np
 
-from .fields import Choice, Number, WholeNumber, check_range, checked, ruled, rules
+from .fields import Choice, Indices, Number, WholeNumber, check_range, checked, ruled, rules
 
 T = TypeVar("T")
 
@@ -109,19 +110,37 @@ def size(default: Any = dataclasses.MISSING, *, ge: int = 1) -> Any:
     return ruled(WholeNumber(ge), default)
 
 
-def choice(*options: Any) -> Any:
-    """Declares a static value out of `options`; the first is the default."""
-    return ruled(Choice(options), options[0])
+def indices(default: Any = dataclasses.MISSING, *, optional: bool = False) -> Any:
+    """Declares a static tuple of distinct whole numbers from 0; `optional` also allows None."""
+    return ruled(Indices(optional), default)
+
+
+def choice(*options: Any, default: Any = dataclasses.MISSING) -> Any:
+    """Declares a static value out of `options`; the first is the default unless another is named.
+
+    Type checkers see a default only where it is named.
+    """
+    return ruled(Choice(options), options[0] if default is dataclasses.MISSING else default)
 
 
 @dataclass_transform(
     frozen_default=True,
     eq_default=False,
-    field_specifiers=(number, array, size, choice, dataclasses.field),
+    field_specifiers=(number, array, size, indices, choice, dataclasses.field),
 )
 def struct(cls: type[T]) -> type[T]:
-    """Make `cls` a frozen dataclass, check its fields on construction, register it as a pytree."""
-    cls.__post_init__ = _check_fields  # type: ignore[attr-defined]
+    """Make `cls` a frozen dataclass, check its fields on construction, register it as a pytree.
+
+    A `__post_init__` of the class itself is called after its fields are checked.
+    """
+    own_check = cls.__dict__.get("__post_init__")
+
+    def check(self: Any) -> None:
+        _check_fields(self)
+        if own_check is not None:
+            own_check(self)
+
+    cls.__post_init__ = check  # type: ignore[attr-defined]
     result: Any = dataclasses.dataclass(frozen=True, eq=False)(cls)
     names = [field.name for field in dataclasses.fields(result)]
     static = [name for name, rule in rules(result).items() if _is_static(rule)]
@@ -137,11 +156,11 @@ def is_struct(cls: type) -> bool:
 
 
 def _is_static(rule: Any) -> bool:
-    return isinstance(rule, (WholeNumber, Choice))
+    return isinstance(rule, (WholeNumber, Indices, Choice))
 
 
 def _check_fields(self: Any) -> None:
-    """Check and convert every field that has a rule; the `__post_init__` of every struct."""
+    """Check and convert every field that has a rule."""
     for name, rule in rules(type(self)).items():
         value = getattr(self, name)
         if _is_static(rule) or not _is_traced(value):

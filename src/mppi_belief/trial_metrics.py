@@ -14,13 +14,13 @@ from .simulate import Trial
 
 def metrics(problem: Problem, trial: Trial) -> Metrics:
     """Judge a trial. A collision is a state, of any step, on or inside an obstacle."""
-    system, cost = problem.system, problem.cost
+    cost = problem.cost
     rates = jax.vmap(lambda x, u: cost.base(x) + 0.5 * quadratic_form(cost.R, u))(
         trial.states[:-1], trial.controls
     )
     running, terminal = jnp.sum(rates) * problem.dt, cost.terminal(trial.states[-1])
-    clearance = jnp.min(jax.vmap(system.clearance)(trial.states))
-    miss = system.position(trial.states[-1]) - system.position(jnp.asarray(cost.goal))
+    clearance = jnp.min(jax.vmap(problem.clearance)(trial.states))
+    miss = problem.position_of(trial.states[-1]) - problem.position_of(jnp.asarray(cost.goal))
     return Metrics(
         cost=running + terminal,
         running_cost=running,

@@ -7,7 +7,7 @@ import pytest
 from jax import Array
 
 import mppi_belief as mb
-from helpers import quick_jit, random_spd
+from helpers import plain_problem, quick_jit, random_spd
 from mppi_belief.belief import cost as belief_cost
 from mppi_belief.problem import ClosedFormCost, Cost
 
@@ -33,7 +33,7 @@ class Quartic:
     def base(self, x: Array) -> Array:
         return x @ x
 
-    def penalty(self, x: Array) -> Array:
+    def penalty(self, x: Array, surroundings: mb.Surroundings) -> Array:
         return x[0] * x[1]
 
     def terminal(self, x: Array) -> Array:
@@ -44,7 +44,9 @@ class Quartic:
 class Oracle(Quartic):
     """The same with made-up moments, to see who is asked."""
 
-    def running_moments(self, mean: Array, cov: Array) -> mb.CostMoments:
+    def running_moments(
+        self, mean: Array, cov: Array, surroundings: mb.Surroundings
+    ) -> mb.CostMoments:
         return mb.CostMoments(*(jnp.asarray(float(v)) for v in (1, 10, 100, 1000, 10000)))
 
     def terminal_mean(self, mean: Array, cov: Array) -> Array:
@@ -55,7 +57,8 @@ def test_a_cost_without_closed_form_is_integrated(x64):
     cost, m, S = Quartic(np.eye(2)), np.array([0.5, -1.0]), np.array([[0.4, 0.1], [0.1, 0.2]])
     assert isinstance(cost, Cost)
     assert not isinstance(cost, ClosedFormCost)
-    found = running_moments(cost, m, S)
+    problem = plain_problem(cost)
+    found = running_moments(problem, m, S)
     # Isserlis' theorem; all of these are of degree four at most, so the rule is exact
     W, V = np.eye(2), np.array([[0, 0.5], [0.5, 0]])
     np.testing.assert_allclose(found.base, m @ m + np.trace(S), rtol=1e-12)
@@ -68,7 +71,7 @@ def test_a_cost_without_closed_form_is_integrated(x64):
         np.testing.assert_allclose(
             value, 2 * np.trace(A @ S @ B @ S) + 4 * m @ A @ S @ B @ m, rtol=1e-12
         )
-    terminal = belief_cost.expected_terminal(cost, jnp.asarray(m), jnp.asarray(S))
+    terminal = belief_cost.expected_terminal(problem, jnp.asarray(m), jnp.asarray(S))
     np.testing.assert_allclose(
         terminal, m[0] ** 4 + 6 * m[0] ** 2 * S[0, 0] + 3 * S[0, 0] ** 2, rtol=1e-12
     )
@@ -77,20 +80,22 @@ def test_a_cost_without_closed_form_is_integrated(x64):
 def test_a_cost_that_knows_its_moments_is_asked():
     cost, m, S = Oracle(np.eye(2)), jnp.ones(2), jnp.eye(2)
     assert isinstance(cost, ClosedFormCost)
-    assert [float(v) for v in belief_cost.running_moments(cost, m, S)] == [1, 10, 100, 1000, 10000]
-    assert belief_cost.expected_terminal(cost, m, S) == -1
-    assert belief_cost.risk_sensitive(cost, m, S, 2.0, "penalty") == 11 + 1000
-    assert belief_cost.risk_sensitive(cost, m, S, 2.0, "total") == 11 + 100 + 2 * 10000 + 1000
+    problem = plain_problem(cost)
+    moments = belief_cost.running_moments(problem, m, S)
+    assert [float(v) for v in moments] == [1, 10, 100, 1000, 10000]
+    assert belief_cost.expected_terminal(problem, m, S) == -1
+    assert belief_cost.risk_sensitive(problem, m, S, 2.0, "penalty") == 11 + 1000
+    assert belief_cost.risk_sensitive(problem, m, S, 2.0, "total") == 11 + 100 + 2 * 10000 + 1000
 
 
 def test_quadrature_errors_of_the_light_dark_cost_vanish_at_sixth_order(light_dark, x64, rng):
     """Degree five leaves an error of order sigma^6 in a mean, and in a variance too, which is of order sigma^2."""
-    cost, shape = light_dark.cost, random_spd(rng, 4)
+    shape = random_spd(rng, 4)
     errors = []
     for spread in (0.02, 0.01):
         cov = spread**2 * shape
-        exact = running_moments(cost, MEAN, cov)
-        found = quick_jit(belief_cost.quadrature_moments)(cost, MEAN, jnp.asarray(cov))
+        exact = running_moments(light_dark, MEAN, cov)
+        found = quick_jit(belief_cost.quadrature_moments)(light_dark, MEAN, jnp.asarray(cov))
         np.testing.assert_allclose(
             [found.base, found.base_var], [exact.base, exact.base_var], rtol=1e-10
         )
@@ -105,20 +110,20 @@ def test_quadrature_errors_of_the_light_dark_cost_vanish_at_sixth_order(light_da
 
 
 def test_without_risk_aversion_the_expectation_is_left(light_dark, x64, rng):
-    cost, cov = light_dark.cost, 0.05 * random_spd(rng, 4)
-    m = running_moments(cost, MEAN, cov)
+    cov = 0.05 * random_spd(rng, 4)
+    m = running_moments(light_dark, MEAN, cov)
     for risk in ("penalty", "total"):
         np.testing.assert_allclose(
-            risk_sensitive(cost, MEAN, cov, 0.0, risk=risk), m.base + m.penalty, rtol=1e-13
+            risk_sensitive(light_dark, MEAN, cov, 0.0, risk=risk), m.base + m.penalty, rtol=1e-13
         )
 
 
 def test_risk_sensitive_cost_is_remark_4(light_dark, x64, rng):
-    cost, cov = light_dark.cost, 0.05 * random_spd(rng, 4)
-    m = running_moments(cost, MEAN, cov)
+    cov = 0.05 * random_spd(rng, 4)
+    m = running_moments(light_dark, MEAN, cov)
     for theta in (0.5, 1.0, 5.0):
         penalty, total = (
-            risk_sensitive(cost, MEAN, cov, theta, risk=risk) for risk in ("penalty", "total")
+            risk_sensitive(light_dark, MEAN, cov, theta, risk=risk) for risk in ("penalty", "total")
         )
         mean = m.base + m.penalty
         np.testing.assert_allclose(penalty, mean + theta / 2 * m.penalty_var, rtol=1e-13)
@@ -131,13 +136,13 @@ def test_risk_sensitive_cost_is_remark_4(light_dark, x64, rng):
 def test_the_penalty_expected_at_the_mean_is_its_value_there_and_nothing_else_changes(
     risk, light_dark, x64, rng
 ):
-    cost, cov = light_dark.cost, 0.05 * random_spd(rng, 4)
-    m, there = running_moments(cost, MEAN, cov), float(cost.penalty(jnp.asarray(MEAN)))
+    cov = 0.05 * random_spd(rng, 4)
+    m, there = running_moments(light_dark, MEAN, cov), float(light_dark.penalty(jnp.asarray(MEAN)))
     variance = m.penalty_var if risk == "penalty" else m.base_var + 2 * m.covariance + m.penalty_var
     assert abs(m.penalty - there) > 1
     for theta in (0.0, 0.5, 5.0):
         exact, default, at_mean = (
-            risk_sensitive(cost, MEAN, cov, theta, risk=risk, **given)
+            risk_sensitive(light_dark, MEAN, cov, theta, risk=risk, **given)
             for given in ({"expectation": "exact"}, {}, {"expectation": "at_mean"})
         )
         assert exact == default
@@ -147,13 +152,15 @@ def test_the_penalty_expected_at_the_mean_is_its_value_there_and_nothing_else_ch
 
 def test_without_risk_aversion_paths_differ_by_their_cost_at_the_mean(light_dark, x64, rng):
     """What is left of the covariance is the same for all paths: differences are those of CE-MPPI."""
-    cost, covs = light_dark.cost, [0.05 * random_spd(rng, 4) for _ in range(3)]
+    covs = [0.05 * random_spd(rng, 4) for _ in range(3)]
     paths = MEAN + rng.normal(size=(5, 3, 4)) * [1.0, 0.6, 0.5, 0.5]
 
     def along(expectation: str) -> np.ndarray:
         totals = [
             sum(
-                float(risk_sensitive(cost, x, cov, 0.0, risk="penalty", expectation=expectation))
+                float(
+                    risk_sensitive(light_dark, x, cov, 0.0, risk="penalty", expectation=expectation)
+                )
                 for x, cov in steps
             )
             for steps in (zip(path, covs, strict=True) for path in paths)
@@ -162,7 +169,10 @@ def test_without_risk_aversion_paths_differ_by_their_cost_at_the_mean(light_dark
 
     certain = np.diff(
         [
-            sum(float(belief_cost.certainty_equivalent(cost, x)) for x in map(jnp.asarray, path))
+            sum(
+                float(belief_cost.certainty_equivalent(light_dark, x))
+                for x in map(jnp.asarray, path)
+            )
             for path in paths
         ]
     )
@@ -184,12 +194,12 @@ def test_a_planner_without_risk_aversion_that_expects_at_the_mean_is_ce_mppi(lig
 
 def test_risk_sensitive_cost_is_the_start_of_the_entropic_one(x64):
     """log E exp(theta q) / theta = E q + theta / 2 Var q + O(theta^2), here for q = |x|^2 / 2 in closed form."""
-    cost = mb.GoalObstacleCost([0.0], [1.0], [1.0], [1.0], mb.Obstacles(np.zeros((0, 1)), 0), 0, 1)
+    problem = plain_problem(mb.GoalObstacleCost([0.0], [1.0], [1.0], [1.0]))
     m, s = 0.7, 0.4
     remainders = []
     for theta in (1e-2, 5e-3):
         entropic = (m**2 * theta / (2 * (1 - theta * s)) - 0.5 * np.log(1 - theta * s)) / theta
-        q_rs = risk_sensitive(cost, np.array([m]), np.array([[s]]), theta, risk="total")
+        q_rs = risk_sensitive(problem, np.array([m]), np.array([[s]]), theta, risk="total")
         remainders.append(entropic - q_rs)
     np.testing.assert_allclose(np.log2(remainders[0] / remainders[1]), 2, atol=0.05)
 
@@ -197,18 +207,18 @@ def test_risk_sensitive_cost_is_the_start_of_the_entropic_one(x64):
 @pytest.mark.parametrize("risk", ["penalty", "total"])
 def test_a_certain_belief_costs_what_its_mean_does(risk, light_dark, x64):
     for position in (MEAN, np.array([3.0, 1.0, 0, 0]), np.zeros(4)):
-        found = risk_sensitive(light_dark.cost, position, jnp.zeros((4, 4)), 5.0, risk=risk)
-        certain = belief_cost.certainty_equivalent(light_dark.cost, jnp.asarray(position))
+        found = risk_sensitive(light_dark, position, jnp.zeros((4, 4)), 5.0, risk=risk)
+        certain = belief_cost.certainty_equivalent(light_dark, jnp.asarray(position))
         np.testing.assert_allclose(found, certain, rtol=1e-12)
     cost = light_dark.cost
     np.testing.assert_allclose(
-        certain, cost.base(jnp.zeros(4)) + cost.penalty(jnp.zeros(4)), rtol=1e-12
+        certain, cost.base(jnp.zeros(4)) + light_dark.penalty(jnp.zeros(4)), rtol=1e-12
     )
 
 
 def test_expected_terminal_cost_is_eq_4(light_dark, x64, rng):
     cov = random_spd(rng, 4)
-    found = belief_cost.expected_terminal(light_dark.cost, MEAN, cov)
+    found = belief_cost.expected_terminal(light_dark, MEAN, cov)
     weight = np.diag(light_dark.cost.terminal_weight)
     np.testing.assert_allclose(
         found, light_dark.cost.terminal(MEAN) + 0.5 * np.trace(weight @ cov), rtol=1e-12
@@ -218,7 +228,7 @@ def test_expected_terminal_cost_is_eq_4(light_dark, x64, rng):
 def test_more_risk_aversion_never_costs_less(light_dark, x64, rng):
     cov = 0.05 * random_spd(rng, 4)
     costs = [
-        risk_sensitive(light_dark.cost, MEAN, cov, theta, risk="penalty")
+        risk_sensitive(light_dark, MEAN, cov, theta, risk="penalty")
         for theta in (0.0, 0.5, 1.0, 2.0)
     ]
     assert costs == sorted(costs)

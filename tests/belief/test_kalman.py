@@ -26,7 +26,6 @@ class Pendulum:
     """Angle and rate, a torque through a lever that turns with it, the height of the bob measured."""
 
     damping: float = mb.number(0.3)
-    noise_convention: str = mb.choice("sample", "intensity")
 
     @property
     def H(self) -> Array:
@@ -68,7 +67,7 @@ def test_prior_is_the_problems(light_dark, x64):
 
 @pytest.mark.parametrize("convention", ["sample", "intensity"])
 def test_light_dark_equals_an_independent_kalman_filter(convention, x64, rng):
-    problem, dt = light_dark_problem(system={"noise_convention": convention}), 0.1
+    problem, dt = light_dark_problem(noise_convention=convention), 0.1
     model = reference.light_dark(sampled=convention == "sample", dt=dt)
     controls, measurements = (
         3 * rng.normal(size=(25, 2)),
@@ -88,9 +87,15 @@ def test_light_dark_equals_an_independent_kalman_filter(convention, x64, rng):
 
 @pytest.mark.parametrize("convention", ["sample", "intensity"])
 def test_a_nonlinear_system_equals_an_independent_extended_kalman_filter(convention, x64, rng):
-    dt, system = 0.05, Pendulum(noise_convention=convention)
+    dt = 0.05
     problem = mb.Problem(
-        system, light_dark_problem().cost, [0.8, -0.2], [0.3, 0.5], dt=dt, steps=20
+        Pendulum(),
+        light_dark_problem().cost,
+        [0.8, -0.2],
+        [0.3, 0.5],
+        dt=dt,
+        steps=20,
+        noise_convention=convention,
     )
     controls = rng.normal(size=(20, 1))
     measurements = np.stack([np.sin(np.linspace(0.8, -1, 20)), np.linspace(0, 4, 20)], axis=-1)

@@ -68,9 +68,7 @@ def covs_of(belief: MixtureBelief) -> Array:
 def charged(problem: mb.Problem, means: Any, covs: Any) -> Array:
     """q_RS of the mixture at one instant."""
     at = (WEIGHTS, jnp.stack(means), jnp.stack(covs))
-    return mixture_risk_sensitive(
-        problem.cost, *at, SMALL.theta, risk="penalty", expectation="exact"
-    )
+    return mixture_risk_sensitive(problem, *at, SMALL.theta, risk="penalty", expectation="exact")
 
 
 def test_moments_are_those_of_the_whole(x64, rng):
@@ -197,14 +195,14 @@ def test_expectation_variance_and_covariance_agree_with_monte_carlo(light_dark, 
     chosen = rng.choice(2, size=n, p=WEIGHTS)
     x = np.asarray(belief.means)[chosen]
     x = x + np.einsum("nij,nj->ni", np.asarray(belief.roots)[chosen], rng.normal(size=(n, 4)))
-    base, penalty = (np.asarray(quick_jit(jax.vmap(f))(x)) for f in (cost.base, cost.penalty))
-    found = mixture_moments(cost, belief.weights, belief.means, covs_of(belief))
+    base, penalty = (np.asarray(quick_jit(jax.vmap(f))(x)) for f in (cost.base, light_dark.penalty))
+    found = mixture_moments(light_dark, belief.weights, belief.means, covs_of(belief))
     assert_mean(base, found.base)
     assert_mean(penalty, found.penalty)
     assert_mean((base - found.base) ** 2, found.base_var)
     assert_mean((penalty - found.penalty) ** 2, found.penalty_var)
     assert_mean((base - found.base) * (penalty - found.penalty), found.covariance)
-    terminal = mixture_terminal(cost, belief.weights, belief.means, covs_of(belief))
+    terminal = mixture_terminal(light_dark, belief.weights, belief.means, covs_of(belief))
     assert_mean(np.asarray(quick_jit(jax.vmap(cost.terminal))(x)), terminal)
 
 
@@ -213,19 +211,19 @@ def test_equal_components_cost_what_one_does(risk, expectation, light_dark, x64,
     belief = mixture(rng)
     mean, cov = belief.means[0], covs_of(belief)[0]
     twice = (WEIGHTS, jnp.stack([mean] * 2), jnp.stack([cov] * 2), 0.7)
-    expected = risk_sensitive(light_dark.cost, mean, cov, 0.7, risk=risk, expectation=expectation)
-    found = mixture_risk_sensitive(light_dark.cost, *twice, risk=risk, expectation=expectation)
+    expected = risk_sensitive(light_dark, mean, cov, 0.7, risk=risk, expectation=expectation)
+    found = mixture_risk_sensitive(light_dark, *twice, risk=risk, expectation=expectation)
     np.testing.assert_allclose(found, expected, rtol=1e-12)
 
 
 def test_variance_has_its_digits_in_single_precision_at_large_weights():
     """E[q^2] - E[q]^2 of penalties of 1e4 that hardly differ would leave no digit."""
-    cost = light_dark_problem(cost={"w_obs": 1e4}).cost
+    problem = light_dark_problem(cost={"w_obs": 1e4})
     means = (np.array([3, 1, 0, 0]) + np.array([[1e-3, 0, 0, 0], [0, 2e-3, 0, 0]])).astype(
         np.float32
     )
     covs = np.stack([np.diag([1e-6, 1e-6, 0.1, 0.1])] * 2).astype(np.float32)
-    found = mixture_moments(cost, jnp.asarray(WEIGHTS, jnp.float32), means, covs)
+    found = mixture_moments(problem, jnp.asarray(WEIGHTS, jnp.float32), means, covs)
     centers = np.array([[3.0, 1.0], [3.0, -1.0]])
     each = [
         reference.bump_moments(m.astype(float), S.astype(float), centers, 0.285)
@@ -239,16 +237,16 @@ def test_variance_has_its_digits_in_single_precision_at_large_weights():
 
 def test_a_gap_that_both_modes_fit_through_is_blocked_for_one_gaussian(x64):
     """An obstacle between two lanes is in neither's way, and in the way of the mean of both."""
-    cost = light_dark_problem(cost={"obstacles": mb.Obstacles([[3, 0]], 0.65)}).cost
+    problem = light_dark_problem(obstacles=mb.Obstacles([[3, 0]], 0.65))
     root = jnp.diag(jnp.array([0.2, 0.2, 0.1, 0.1]))
     belief = MixtureBelief(
         jnp.array([[3, 1.6, 0, 0], [3, -1.6, 0, 0]]),
         jnp.stack([root] * 2),
         jnp.log(jnp.full(2, 0.5)),
     )
-    each = mixture_moments(cost, belief.weights, belief.means, covs_of(belief))
+    each = mixture_moments(problem, belief.weights, belief.means, covs_of(belief))
     whole = mixture_moments(
-        cost, belief.weights, jnp.stack([belief.mean] * 2), jnp.stack([belief.cov] * 2)
+        problem, belief.weights, jnp.stack([belief.mean] * 2), jnp.stack([belief.cov] * 2)
     )
     assert each.penalty < 1e-3 * whole.penalty
     assert each.penalty_var < 1e-3 * whole.penalty_var
@@ -312,7 +310,7 @@ def test_every_component_follows_the_same_controls_with_its_own_schedule(x64, rn
                 lambda x: model.intensity(x) / 0.1,
             )
         total += 0.1 * charged(problem, means, covs)
-    terminal = mixture_terminal(problem.cost, WEIGHTS, jnp.stack(means), jnp.stack(covs))
+    terminal = mixture_terminal(problem, WEIGHTS, jnp.stack(means), jnp.stack(covs))
     np.testing.assert_allclose(info.nominal_cost, total + terminal, rtol=1e-7)
     mean = WEIGHTS @ np.stack(means)
     spread = sum(
@@ -327,7 +325,7 @@ def test_costs_may_be_charged_at_the_start_of_a_step(x64, rng):
     found = quick_jit(replace(SMALL, charge="start")._mixture_costs)(problem, belief, means, covs)
     first = 0.1 * charged(problem, belief.means, covs[0])
     for i in range(3):
-        last = mixture_terminal(problem.cost, WEIGHTS, jnp.asarray(means[0, :, :, i]), covs[1])
+        last = mixture_terminal(problem, WEIGHTS, jnp.asarray(means[0, :, :, i]), covs[1])
         np.testing.assert_allclose(found[i], first + last, rtol=1e-10)
 
 

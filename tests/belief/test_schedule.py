@@ -99,7 +99,7 @@ def test_schedules_tend_to_the_riccati_equation_at_first_order(method, x64):
         2,
         4,
     ):  # one after the other, so that all grids share what was compiled for STEPS
-        problem = light_dark_problem(system=INTENSITY, dt=duration / (runs * STEPS))
+        problem = light_dark_problem(**INTENSITY, dt=duration / (runs * STEPS))
         at = mb.Belief(jnp.asarray(start), jnp.asarray(cov))
         for _ in range(runs):
             found = gain_schedule(problem, at, jnp.broadcast_to(u, (STEPS, 2)), method=method)
@@ -112,13 +112,13 @@ def test_the_filters_diffusion_tends_to_the_continuous_one(x64):
     start = np.array([3.0, 0.5, 1.0, -0.5])
     errors = []
     for dt in (0.01, 0.005, 0.0025):
-        problem = light_dark_problem(system=INTENSITY, dt=dt)
+        problem = light_dark_problem(**INTENSITY, dt=dt)
         at = mb.Belief(jnp.asarray(start), jnp.diag(jnp.array([0.2, 0.1, 0.05, 0.1])))
         filtering, riccati = (
             gain_schedule(problem, at, jnp.zeros((STEPS, 2)), method=m)
             for m in ("filter", "riccati")
         )
-        C, R_o = np.eye(2, 4), measurement_intensity(problem.system, start, dt)
+        C, R_o = np.eye(2, 4), measurement_intensity(problem, start)
         expected = at.cov @ C.T @ np.linalg.inv(R_o) @ C @ at.cov
         np.testing.assert_allclose(riccati.diffusion[0], expected, rtol=1e-12)
         np.testing.assert_allclose(
@@ -130,7 +130,7 @@ def test_the_filters_diffusion_tends_to_the_continuous_one(x64):
 
 @pytest.mark.parametrize("convention", ["sample", "intensity"])
 def test_filter_schedule_is_the_filter_that_sees_what_it_expects(convention, x64, rng):
-    problem = light_dark_problem(system={"noise_convention": convention})
+    problem = light_dark_problem(noise_convention=convention)
     controls = rng.normal(size=(STEPS, 2)) * 3
     found = gain_schedule(problem, prior(problem), jnp.asarray(controls))
     predict, correct = quick_jit(belief.predict), quick_jit(belief.correct)
@@ -151,7 +151,7 @@ def test_filter_schedule_is_the_filter_that_sees_what_it_expects(convention, x64
         y = problem.system.c(ahead.mean) + jnp.array([1.0, 0.0])
         moved = correct(problem, ahead, y).posterior
         np.testing.assert_allclose(found.gain[k][:, 0], moved.mean - ahead.mean, atol=1e-12)
-        S = ahead.cov[:2, :2] + measurement_cov(problem.system, ahead.mean, dt)
+        S = ahead.cov[:2, :2] + measurement_cov(problem, ahead.mean)
         np.testing.assert_allclose(found.gain[k] @ S, ahead.cov[:, :2], atol=1e-12)
 
 

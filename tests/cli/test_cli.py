@@ -179,7 +179,6 @@ def test_numbers_at_the_top_reach_the_groups():
         9,
         3.0,
     ]
-    assert config["cost"]["obstacles"] == config["system"]["obstacles"]
     names = {
         "system": "light_dark",
         "cost": "goal_obstacles",

@@ -85,8 +85,7 @@ def test_whatever_else_goes_wrong_is_one_line_that_names_what_was_given(args, na
     [
         "cost.gaol",
         "controller.horizn",
-        "system.obstacles.radus",
-        "cost.obstacles.radus",
+        "problem.obstacles.radus",
         "controller.wobs",
     ],
 )

@@ -256,7 +256,7 @@ NONSENSE = [
     "problem.prior_std=[1e30,0,0,0]",
     "system.noise_floor=1e-30 system.noise_slope=0",
     "system.noise_slope=1e38",
-    "system.obstacles.radius=" + "9" * 400,
+    "problem.obstacles.radius=" + "9" * 400,
     "cost={a: 1}",
     "controller._target_=antigravity.X",
     "controller._target_=os.system",

@@ -104,9 +104,9 @@ def test_what_is_out_of_range_is_refused_by_name_in_one_line(key, value, reason)
     [
         ("system", lambda x: {"light": x}, r"system\.light="),
         (
-            "cost",
+            "problem",
             lambda x: {"obstacles": {"centers": [[1.0, 2.0], [3.0, x]]}},
-            r"cost\.obstacles\.centers=",
+            r"problem\.obstacles\.centers=",
         ),
         ("planner", lambda x: {"temperature": x}, r"planner\.temperature="),
         ("controller", lambda x: {"a": [{"b": x}]}, r"controller\.a\.b="),

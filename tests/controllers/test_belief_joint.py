@@ -65,8 +65,8 @@ def test_each_path_is_charged_for_the_belief_that_its_own_filter_would_have(x64)
             ahead = belief.predict(problem, at, controls[k, :, i])
             at = belief.correct(problem, ahead, problem.system.c(ahead.mean)).posterior
             np.testing.assert_allclose(means[k, :, i], at.mean, rtol=1e-12)
-            total += belief_cost.risk_sensitive(problem.cost, at.mean, at.cov, theta) * problem.dt
-        total += belief_cost.expected_terminal(problem.cost, at.mean, at.cov)
+            total += belief_cost.risk_sensitive(problem, at.mean, at.cov, theta) * problem.dt
+        total += belief_cost.expected_terminal(problem, at.mean, at.cov)
         np.testing.assert_allclose(costs[i], total, rtol=1e-9)
 
 

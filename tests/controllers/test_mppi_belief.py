@@ -90,7 +90,7 @@ def test_diagnostics(light_dark, x64, rng):
         assert 1 <= info.ess <= 32
         total = light_dark.cost.terminal_mean(schedule.mean[6], schedule.cov[6])
         for k in range(6) if charge == "start" else range(1, 7):
-            m = running_moments(light_dark.cost, schedule.mean[k], schedule.cov[k])
+            m = running_moments(light_dark, schedule.mean[k], schedule.cov[k])
             total += (m.base + m.penalty + 0.35 * m.penalty_var) * 0.1
         np.testing.assert_allclose(info.nominal_cost, total, rtol=1e-12)
 

@@ -26,7 +26,7 @@ def act(problem: mb.Problem, controller: mb.Controller, belief) -> jax.Array:
 
 @quick_jit
 def rate(problem: mb.Problem, x: jax.Array) -> jax.Array:
-    return problem.cost.base(x) + problem.cost.penalty(x)
+    return problem.cost.base(x) + problem.penalty(x)
 
 
 @pytest.mark.parametrize("combine", ["average", "pooled"])

@@ -10,12 +10,13 @@ from hypothesis import strategies as st
 import mppi_belief as mb
 import reference
 from helpers import CENTERS, SIGMAS, light_dark_problem, quick_jit, random_spd
+from mppi_belief.belief import cost as belief_cost
 from mppi_belief.problem import ClosedFormCost, Cost
 
 GOAL = np.array([7.0, 0.0, 0.0, 0.0])
 QX, QT = np.diag([1.5, 1.5, 0.6, 0.6]), np.diag([5, 5, 0.15, 0.15])
 
-running_moments = quick_jit(lambda cost, mean, cov: cost.running_moments(mean, cov))
+running_moments = quick_jit(belief_cost.running_moments)
 
 
 def penalty(x: np.ndarray, w_obs: float = 500.0) -> np.ndarray:
@@ -29,7 +30,7 @@ def test_base_penalty_and_terminal_by_their_formulas(light_dark, x64, rng):
     np.testing.assert_allclose(
         jax.vmap(cost.terminal)(x), reference.quadratic(x, GOAL, QT), rtol=1e-13
     )
-    np.testing.assert_allclose(jax.vmap(cost.penalty)(x), penalty(x), rtol=1e-13)
+    np.testing.assert_allclose(jax.vmap(light_dark.penalty)(x), penalty(x), rtol=1e-13)
     np.testing.assert_allclose(cost.R, 0.035 * np.eye(2))
     assert isinstance(cost, Cost)
     assert isinstance(cost, ClosedFormCost)
@@ -50,7 +51,7 @@ def test_full_weights_are_taken_as_they_are(x64, rng):
 
 def test_expected_base_cost_is_eq_4(light_dark, x64, rng):
     mean, cov = rng.normal(size=4), random_spd(rng, 4)
-    found = running_moments(light_dark.cost, mean, cov)
+    found = running_moments(light_dark, mean, cov)
     np.testing.assert_allclose(
         found.base, light_dark.cost.base(mean) + 0.5 * np.trace(QX @ cov), rtol=1e-13
     )
@@ -59,17 +60,17 @@ def test_expected_base_cost_is_eq_4(light_dark, x64, rng):
 @pytest.mark.parametrize("w_obs", [1.0, 500.0, 1e4])
 def test_total_variance_equals_quadrature(w_obs, x64, rng):
     """Goal in the plane of positions, so that two dimensions are all there is."""
-    cost = light_dark_problem(
+    problem = light_dark_problem(
         cost={
             "goal": [7, 0],
             "running_weight": [1.5, 1.5],
             "terminal_weight": [5, 5],
             "w_obs": w_obs,
         }
-    ).cost
+    )
     for spread in (0.02, 0.3):
         mean, cov = np.array([2.6, 0.7]), spread**2 * random_spd(rng, 2)
-        m = running_moments(cost, mean, cov)
+        m = running_moments(problem, mean, cov)
         expected = reference.covariance(
             lambda x: reference.quadratic(x, GOAL[:2], QX[:2, :2]),
             lambda x: penalty(x, w_obs),
@@ -83,12 +84,10 @@ def test_total_variance_equals_quadrature(w_obs, x64, rng):
 
 @pytest.mark.parametrize("spread", [1e-4, 0.03, 0.3, 1.0])
 def test_float32_keeps_five_digits_at_the_largest_weight(spread):
-    cost = light_dark_problem(
-        cost={"goal": [7, 0], "running_weight": [1.5, 1.5], "w_obs": 1e4}
-    ).cost
+    problem = light_dark_problem(cost={"goal": [7, 0], "running_weight": [1.5, 1.5], "w_obs": 1e4})
     mean = np.array([2.6, 0.7], dtype=np.float32)
     cov = (spread**2 * np.array([[1, 0.4], [0.4, 0.8]])).astype(np.float32)
-    m = running_moments(cost, mean, cov)
+    m = running_moments(problem, mean, cov)
     expected = reference.covariance(
         lambda x: reference.quadratic(x, GOAL[:2], QX[:2, :2]),
         lambda x: penalty(x, 1e4),
@@ -103,7 +102,7 @@ def test_float32_keeps_five_digits_at_the_largest_weight(spread):
 
 def test_all_moments_equal_those_of_samples_of_the_full_state(light_dark, x64, rng):
     mean, cov = np.array([2.5, 0.6, 0.4, 0.1]), 0.3**2 * random_spd(rng, 4)
-    m = running_moments(light_dark.cost, mean, cov)
+    m = running_moments(light_dark, mean, cov)
     x = rng.multivariate_normal(mean, cov, 200_000)
     base, bumps = reference.quadratic(x, GOAL, QX), penalty(x)
     total = base + bumps
@@ -125,10 +124,10 @@ def test_all_moments_equal_those_of_samples_of_the_full_state(light_dark, x64, r
 @given(seed=st.integers(0, 2**32 - 1), log_spread=st.floats(-5, 2))
 def test_moments_obey_cauchy_and_schwarz_in_float32(seed, log_spread):
     rng = np.random.default_rng(seed)
-    cost = light_dark_problem(cost={"w_obs": 1e4}).cost
+    problem = light_dark_problem(cost={"w_obs": 1e4})
     mean = np.array([3, 0, 0, 0]) + rng.normal(size=4) * [2, 2, 1, 1]
     cov = 10 ** (2 * log_spread) * random_spd(rng, 4)
-    m = running_moments(cost, mean.astype(np.float32), cov.astype(np.float32))
+    m = running_moments(problem, mean.astype(np.float32), cov.astype(np.float32))
     assert all(np.isfinite(m))
     assert min(m.base_var, m.penalty_var) >= 0
     total = float(m.base_var) + 2 * float(m.covariance) + float(m.penalty_var)
@@ -137,15 +136,19 @@ def test_moments_obey_cauchy_and_schwarz_in_float32(seed, log_spread):
 
 
 @pytest.mark.parametrize(
-    "cost", [{"obstacles": mb.Obstacles(c, 0.65)} for c in (np.zeros((0, 2)), [])] + [{"w_obs": 0}]
+    "change",
+    [
+        {"obstacles": mb.Obstacles(np.zeros((0, 2)), 0.65)},
+        {"obstacles": mb.Obstacles([], 0.65)},
+        {"obstacles": None},
+        {"cost": {"w_obs": 0}},
+    ],
 )
-def test_without_obstacles_only_the_goal_counts(cost, x64, rng):
-    bare, mean, cov = (
-        light_dark_problem(cost=cost).cost,
-        np.array([2.5, 0.6, 0, 0]),
-        random_spd(rng, 4),
-    )
-    full = running_moments(light_dark_problem().cost, mean, cov)
+def test_without_obstacles_only_the_goal_counts(change, x64, rng):
+    bare = light_dark_problem(**change)
+    mean = np.array([2.5, 0.6, 0, 0])
+    cov = random_spd(rng, 4)
+    full = running_moments(light_dark_problem(), mean, cov)
     m = running_moments(bare, mean, cov)
     assert (m.penalty, m.penalty_var, m.covariance) == (0, 0, 0)
     np.testing.assert_allclose([m.base, m.base_var], [full.base, full.base_var], rtol=1e-14)
@@ -155,7 +158,7 @@ def test_without_obstacles_only_the_goal_counts(cost, x64, rng):
 def test_obstacle_moments_scale_with_the_weight(x64, rng):
     mean, cov = np.array([2.5, 0.6, 0, 0]), 0.1 * random_spd(rng, 4)
     one, many = (
-        running_moments(light_dark_problem(cost={"w_obs": w}).cost, mean, cov) for w in (1, 1e4)
+        running_moments(light_dark_problem(cost={"w_obs": w}), mean, cov) for w in (1, 1e4)
     )
     np.testing.assert_allclose(many.penalty, 1e4 * one.penalty, rtol=1e-13)
     np.testing.assert_allclose(many.penalty_var, 1e8 * one.penalty_var, rtol=1e-13)

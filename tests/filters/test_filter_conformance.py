@@ -64,9 +64,7 @@ def test_a_filter_starts_with_the_mean_and_the_covariance_of_the_prior(option, p
 def test_a_measured_angle_may_be_any_number_of_turns_away(option, turns, x64):
     """Also for the covariance of the innovation, which two modes and their weights depend on."""
     filter = configured(option)
-    cost = mb.GoalObstacleCost(
-        [0] * 4, [1] * 4, [1] * 4, [1] * 2, mb.Obstacles(np.zeros((0, 2)), 0), 0, 1
-    )
+    cost = mb.GoalObstacleCost([0] * 4, [1] * 4, [1] * 4, [1] * 2)
     modes = [[0.0, 0.0, 0.1, 0.0], [0.0, 0.0, -0.1, 0.0]]
     problem = mb.Problem(
         beacons(), cost, [0.5, -0.5, 3.1, 1.0], [0.3, 0.3, 0.1, 0.2], 0.1, 5, prior_modes=modes

@@ -22,7 +22,7 @@ KEY = jax.random.key(0)
 
 def problem_of(system: mb.System, mean: list[float], std: list[float]) -> mb.Problem:
     n = len(mean)
-    cost = mb.GoalObstacleCost([0] * n, [1] * n, [1] * n, [1] * (n // 2), mb.Obstacles([], 0), 0, 1)
+    cost = mb.GoalObstacleCost([0] * n, [1] * n, [1] * n, [1] * (n // 2))
     return mb.Problem(system, cost, mean, std, dt=0.1, steps=5)
 
 
@@ -109,8 +109,6 @@ def test_what_it_takes_for_noise_is_the_part_outside_the_tangent_space(x64, rng)
 
     @mb.struct
     class Bent:
-        noise_convention: str = mb.choice("sample", "intensity")
-
         def c(self, x):
             return jnp.array([x[0] + 0.4 * x[0] * x[1], x[2] - 0.3 * x[2] ** 2 + x[1]])
 

@@ -110,9 +110,11 @@ def test_the_residual_in_the_light_is_the_closed_form_where_sigma_o_is_an_intens
 def test_a_vehicle_that_rests_in_the_light_comes_to_the_steady_states_residual(
     convention, method, x64
 ):
-    system = {"noise_convention": convention}
     problem = light_dark_problem(
-        system, prior_mean=[5, 1, 0, 0], prior_std=[0.2, 0.2, 0.2, 0.2], steps=400
+        prior_mean=[5, 1, 0, 0],
+        prior_std=[0.2, 0.2, 0.2, 0.2],
+        steps=400,
+        noise_convention=convention,
     )
     schedule = quick_jit(gain_schedule, static_argnames="method")(
         problem, prior(problem), jnp.zeros((400, 2)), method

@@ -17,9 +17,7 @@ SETTINGS = ilqr.Settings(tolerance=1e-9, max_iterations=100, damping=1e-6, facto
 
 
 def objective(problem: mb.Problem, horizon: int, charge: str = "end"):
-    return ilqr.state_cost(
-        problem, lambda x: certainty_equivalent(problem.cost, x), horizon, charge
-    )
+    return ilqr.state_cost(problem, lambda x: certainty_equivalent(problem, x), horizon, charge)
 
 
 @partial(quick_jit, static_argnames=("horizon", "charge"))

@@ -65,7 +65,7 @@ def test_the_domain_is_the_published_one(study, x64, rng):
         np.testing.assert_allclose(
             mb.discretise.euler_step(system, jnp.asarray(x), jnp.asarray(u), problem.dt), x + u
         )
-        noise = mb.discretise.measurement_cov(system, jnp.asarray(x), problem.dt)
+        noise = mb.discretise.measurement_cov(problem, jnp.asarray(x))
         np.testing.assert_allclose(noise, ((5 - x[0]) ** 2 / 2 + const) * np.eye(2))
         np.testing.assert_array_equal(system.c(jnp.asarray(x)), x)
     np.testing.assert_allclose(np.square(problem.prior_std), PUBLISHED[study][3])

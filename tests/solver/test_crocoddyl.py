@@ -20,8 +20,6 @@ SETTINGS = ilqr.Settings(tolerance=1e-12, max_iterations=300, damping=1e-6, fact
 class Pendulum:
     """theta'' = sin(theta) - 0.1 theta' + u, seen without error in this test."""
 
-    noise_convention: str = mb.choice("sample", "intensity")
-
     @property
     def H(self):
         return jnp.zeros((2, 1))
@@ -37,12 +35,6 @@ class Pendulum:
 
     def sigma_o(self, x):
         return jnp.eye(2)
-
-    def position(self, x):
-        return x[:1]
-
-    def clearance(self, x):
-        return jnp.asarray(jnp.inf)
 
 
 class PendulumAction(crocoddyl.ActionModelAbstract):
@@ -77,7 +69,7 @@ def crocoddyl_optimum(start: np.ndarray) -> tuple[float, np.ndarray]:
 @pytest.mark.parametrize("start", [[2.5, 0.0], [1.0, -2.0], [-3.0, 1.0]])
 def test_both_find_the_same_optimum(start):
     jax.config.update("jax_enable_x64", True)
-    cost = mb.GoalObstacleCost([0, 0], QX, QT, [R], mb.Obstacles([], 0), 0, 1)
+    cost = mb.GoalObstacleCost([0, 0], QX, QT, [R])
     problem = mb.Problem(Pendulum(), cost, start, [0, 0], DT, HORIZON)
     objective = ilqr.state_cost(problem, cost.base, HORIZON, "end")
     found = ilqr.solve(

@@ -33,11 +33,6 @@ def test_it_obeys_its_equation_of_motion(rng):
     np.testing.assert_allclose(system.sigma_o(jnp.zeros(2)), [[0.1]], rtol=1e-6)
 
 
-def test_the_stop_is_an_angle():
-    assert pendulum().clearance(jnp.array([1.5, 9.0])) == pytest.approx(0.25)
-    assert pendulum().clearance(jnp.array([1.8, 0.0])) == pytest.approx(-0.05, abs=1e-6)
-
-
 @pytest.mark.parametrize("kappa", [1e-6, 0.3, 1.0, 2.5])
 def test_it_is_seen_through_a_sine_about_the_anchor(x64, rng, kappa):
     a = rng.uniform(-3, 3, 6)

@@ -28,8 +28,8 @@ def test_light_dark_noise_is_least_in_the_light(light_dark, p_x, sigma):
 
 def test_light_dark_distances_ignore_the_velocity(light_dark):
     x = jnp.array([3.0, 0.0, 5.0, -5.0])
-    np.testing.assert_array_equal(light_dark.system.position(x), x[:2])
-    assert light_dark.system.clearance(x) == pytest.approx(0.35)
+    np.testing.assert_array_equal(light_dark.position_of(x), x[:2])
+    assert light_dark.clearance(x) == pytest.approx(0.35)
 
 
 def test_scalar_linear_is_its_five_numbers():
@@ -37,13 +37,11 @@ def test_scalar_linear_is_its_five_numbers():
     values = [system.f(x), system.G(x), system.c(x), system.H, system.sigma_o(x)]
     for value, expected in zip(values, ([0.6], [[0.8]], [2.4], [[0.7]], [[0.5]]), strict=True):
         np.testing.assert_allclose(value, expected, rtol=1e-6)
-    assert system.noise_convention == "intensity"
-    assert system.clearance(x) == np.inf
 
 
 @pytest.mark.parametrize(
     ("field", "value"),
-    [("noise_floor", 0), ("noise_slope", -1), ("process_noise", -1), ("noise_convention", "other")],
+    [("noise_floor", 0), ("noise_slope", -1), ("process_noise", -1)],
 )
 def test_light_dark_refuses_numbers_without_meaning(field, value):
     with pytest.raises(ValueError, match=field):

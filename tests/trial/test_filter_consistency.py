@@ -16,7 +16,7 @@ TRIALS, STEPS, DT = 200, 25, 0.1
 
 def problem_of(curvature: float) -> mb.Problem:
     """A pendulum at rest near the flat part of its sine, seen well."""
-    cost = mb.GoalObstacleCost([0, 0], [1, 1], [1, 1], [1], mb.Obstacles([], 0), 0, 1)
+    cost = mb.GoalObstacleCost([0, 0], [1, 1], [1, 1], [1])
     system = pendulum(curvature=curvature, sensor_noise=0.02, gravity=0.0)
     return mb.Problem(system, cost, [1.2, 0.0], [0.3, 0.1], dt=DT, steps=STEPS)
 

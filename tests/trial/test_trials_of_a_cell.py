@@ -43,7 +43,9 @@ def quick() -> Iterator[None]:
 
 
 def users(
-    system: dict[str, Any] | None = None, controller: dict[str, Any] | None = None
+    system: dict[str, Any] | None = None,
+    controller: dict[str, Any] | None = None,
+    problem: dict[str, Any] | None = None,
 ) -> dict[str, Any]:
     """A configuration of the parts in `user_parts`: two states, one control, one measurement."""
     cost = {
@@ -52,11 +54,9 @@ def users(
         "running_weight": [1, 1],
         "terminal_weight": [1, 1],
         "control_weight": [1],
-        "obstacles": {"_target_": "mppi_belief.Obstacles", "centers": [], "radius": 0},
-        "w_obs": 0,
-        "bump_width": 1,
     }
     prior = {"prior_mean": [1.0, 1.0], "prior_std": [0.1, 0.1], "dt": 0.1, "steps": 30}
+    prior |= {"position": [0]} | (problem or {})
     return {
         "system": {"_target_": "user_parts.Drifting"} | (system or {}),
         "cost": cost,
@@ -75,7 +75,7 @@ def users(
 def test_build_makes_what_the_configuration_says():
     built = build(compose("theta=2", "w_obs=100", *PLANNER))
     assert isinstance(built.problem.system, mb.LightDark)
-    assert isinstance(built.problem.cost.obstacles, mb.Obstacles)
+    assert isinstance(built.problem.obstacles, mb.Obstacles)
     assert isinstance(built.filter, mb.EKF)
     assert (built.controller.theta, built.controller.n_samples, built.problem.cost.w_obs) == (
         2.0,
@@ -93,13 +93,13 @@ def test_build_makes_what_the_configuration_says():
         ("planner.temperature=0", r"controller\.temperature must be greater than 0"),
         ("system.noise_floor=0", r"system\.noise_floor must be greater than 0"),
         ("system.light=bright", r"system\.light must be a number"),
-        ("system.obstacles.centers=[1,2]", r"system\.obstacles\.centers must have 2 dimension"),
+        ("problem.obstacles.centers=[1,2]", r"problem\.obstacles\.centers must have 2 dimension"),
         ("cost.goal=[a,b]", r"cost\.goal must be an array of numbers"),
         ("problem.prior_std=[-1,0,0,0]", r"problem\.prior_std must be at least 0"),
         ("problem.steps=1.5", r"problem\.steps must be a whole number"),
         ("+system.lihgt=3", r"unknown key 'system\.lihgt'; did you mean 'system\.light'"),
-        ("+system.obstacles.width=3", r"unknown key 'system\.obstacles\.width'"),
-        ("~cost.w_obs", r"cost\b.*w_obs"),
+        ("+problem.obstacles.width=3", r"unknown key 'problem\.obstacles\.width'"),
+        ("~cost.goal", r"cost\b.*goal"),
         (
             "controller._target_=nowhere.Controller",
             r"controller\._target_=nowhere\.Controller: must name a class of",
@@ -145,8 +145,6 @@ def test_parts_that_fit_pass_the_check():
         ("H", r"system\.H has shape \(2, 2, 1\), must be \(2, \d\)"),
         ("c", r"system\.c has shape \(1, 1\), must be \(1,\)"),
         ("sigma_o", r"system\.sigma_o has shape \(1, 1, 1\), must be \(1, 1\)"),
-        ("position", r"system\.position has shape \(1, 1\), must be \(1,\)"),
-        ("clearance", r"system\.clearance has shape \(1,\), must be \(\)"),
         ("c raises", r"system\.c fails for a state of shape \(2,\): c is not feeling well"),
         ("H raises", r"system\.H fails for a state of shape \(2,\): H is not feeling well"),
         (
@@ -158,18 +156,16 @@ def test_parts_that_fit_pass_the_check():
             r"system\.c fails for a state of shape \(2,\): it needs the values of its state",
         ),
         ("f integer", r"system\.f returns int32, must return floating-point"),
-        ("clearance bool", r"system\.clearance returns bool, must return floating-point"),
         ("G complex", r"system\.G returns complex64, must return floating-point"),
         ("c list", r"system\.c returns a list, must return one array"),
         ("f none", r"system\.f returns a NoneType, must return one array"),
-        ("position word", r"system\.position fails for a state of shape \(2,\): .*str"),
-        ("position empty", r"system\.position is empty"),
+        ("c word", r"system\.c returns a str, must return one array"),
+        ("c empty", r"system\.c is empty"),
         *(
             (f"{name} nan", rf"system\.{name}\b.* is not finite at the state \[1\.0, 1\.0\]: .*nan")
             for name in SPOILABLE
         ),
         ("sigma_o inf", r"system\.sigma_o is not finite at the state"),
-        ("clearance -inf", r"system\.clearance is not finite at the state \[1\.0, 1\.0\]: -inf"),
         ("sigma_o zero", r"system\.sigma_o is singular at the state \[1\.0, 1\.0\]: \[\[0\.0\]\]"),
     ],
 )
@@ -200,19 +196,81 @@ def test_a_cost_that_returns_what_it_should_not_is_named(wrong, reason):
 
 def test_what_a_system_may_do_without_is_allowed():
     check(users(system={"wrong": "H", "how": "zero"}))  # no process noise
-    check(users(system={"wrong": "clearance", "how": "inf"}))  # no obstacles
+    check(users(problem=foggy("inf")))  # no obstacles
     check(users() | {"cost": {"_target_": "user_parts.Price"}})
     config = users()
     check(config | {"problem": config["problem"] | {"prior_std": [0, 0]}})
 
 
-def test_a_system_without_a_function_or_a_convention_is_refused():
-    with pytest.raises(ConfigError, match=r"^system\.c is missing: Mute must have it"):
-        check(users() | {"system": {"_target_": "user_parts.Mute"}})
-    with pytest.raises(
-        ConfigError, match=r"^system\.noise_convention='neither': must be one of sample, intensity"
-    ):
-        check(users(system={"noise_convention": "neither"}))
+def foggy(how: str = "nothing") -> dict[str, Any]:
+    """A problem's obstacles of the user's own, spoilt in the way of `how`."""
+    return {"obstacles": {"_target_": "user_parts.Fog", "how": how}}
+
+
+@pytest.mark.parametrize(
+    ("how", "reason"),
+    [
+        ("shape", r"has shape \(1,\), must be \(\)"),
+        ("bool", r"returns bool, must return floating-point"),
+        ("word", r"returns a str, must return one array"),
+        ("raises", r"fails for a state of shape \(2,\): clearance is not feeling well"),
+        ("nan", r"is not finite at the state \[1\.0, 1\.0\]: nan"),
+        ("-inf", r"is not finite at the state \[1\.0, 1\.0\]: -inf"),
+    ],
+)
+def test_obstacles_that_return_what_they_should_not_are_named(how, reason):
+    check(users(problem=foggy()))
+    with pytest.raises(ConfigError, match=rf"^problem\.obstacles\.clearance {reason}") as caught:
+        check(users(problem=foggy(how)))
+    assert len(str(caught.value).splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("parts", "reason"),
+    [
+        ({"system": "Mute"}, r"system\.c is missing: Mute must have it"),
+        ({"system": "Squally"}, r"system\.H is a method: it must be a property"),
+        ({"system": "Rows"}, r"system\.G fails .*a whole number such as n is declared with .*size"),
+        ({"cost": "Blind"}, r"cost\.penalty must take \(x, surroundings\): "),
+        ({"obstacles": "Ghost"}, r"problem\.obstacles\.clearance is missing: Ghost must have it"),
+    ],
+)
+def test_a_part_without_what_it_must_have_is_refused(parts, reason):
+    config = users()
+    for group, name in parts.items():
+        part = {"_target_": f"user_parts.{name}"}
+        if group == "obstacles":
+            config["problem"]["obstacles"] = part
+        else:
+            config[group] = part
+    with pytest.raises(ConfigError, match=f"^{reason}") as caught:
+        check(config)
+    assert len(str(caught.value).splitlines()) == 1
+
+
+def test_a_system_that_has_what_is_the_problems_is_refused():
+    with pytest.raises(ConfigError) as caught:
+        build(users() | {"system": {"_target_": "user_parts.Moored"}})
+    message = str(caught.value)
+    assert message.startswith("problem.system: Moored has position, clearance, noise_convention;")
+    assert "give the problem position, the components of the state" in message
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        ({"noise_convention": "neither"}, r"noise_convention must be one of sample, intensity"),
+        ({"position": [0, 2]}, r"position=\[0, 2\]: the state has components 0\.\.1"),
+        ({"position": [0, 0]}, r"position must be one or more distinct whole numbers"),
+        ({"position": []}, r"position must be one or more distinct whole numbers"),
+        ({"position": [0.5]}, r"position must be a whole number, got 0\.5"),
+        ({"position": 0}, r"position must be a list of whole numbers, got 0"),
+        ({"position": [-1]}, r"position must be at least 0, got -1"),
+    ],
+)
+def test_what_is_given_to_the_problem_is_checked(change, reason):
+    with pytest.raises(ConfigError, match=rf"^problem\.{reason}"):
+        check(users(problem=change))
 
 
 @pytest.mark.parametrize(
@@ -233,7 +291,7 @@ def test_numbers_are_those_of_the_precision(change, reason):
     ("change", "reason"),
     [
         ("cost.goal=[1]", r"cost\.goal has shape \(1,\), must be \(4,\)"),
-        ("problem.prior_std=[1]", r"prior_std has shape \(1,\), must be \(4,\)"),
+        ("problem.prior_std=[1]", r"problem\.prior_std has shape \(1,\), must be \(4,\)"),
         ("cost.control_weight=[1]", r"system\.G has shape \(4, 2\), must be \(4, 1\)"),
         ("controller=pipf filter=ekf", r"filter or controller .*particle"),
         ("~controller._target_", r"controller has no _target_"),
@@ -253,8 +311,8 @@ def test_parts_that_do_not_fit_each_other_are_refused(change, reason):
         "cost.running_weight=[1,1,1,1,1]",
         "cost.terminal_weight=[5.0,0.15]",
         "cost.terminal_weight=[[5,0],[0,5]]",
-        "system.obstacles.centers=[[3.0]]",
-        "system.obstacles.centers=[[3.0,1.0,0.0]]",
+        "problem.obstacles.centers=[[3.0]]",
+        "problem.obstacles.centers=[[3.0,1.0,0.0]]",
     ],
 )
 def test_numbers_of_the_wrong_length_are_refused(change):

@@ -1,5 +1,7 @@
 """Theorem 1: its certificate, that it can fail, and the part outside the mean tangent space for any observation."""
 
+from functools import partial
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -7,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import mppi_belief as mb
 from helpers import float64, quick_jit, random_spd
 from mppi_belief.matching.affine import outside_mean_tangent
 from mppi_belief.numerics.quadrature import gaussian_nodes
@@ -79,30 +82,33 @@ def test_a_filter_that_uses_the_scatter_is_caught(x64, monkeypatch):
     assert level.holds
     assert not ekf.holds
     monkeypatch.setattr(certificate, "SLOPE", 0.7)
-    monkeypatch.setattr(certificate, "light_dark", lambda convention: light_dark(0.6, convention))
+    monkeypatch.setattr(certificate, "light_dark", partial(light_dark, 0.6))
     assert not certificate._noise_level(np.random.default_rng(0))[0].holds
 
 
-def light_dark(slope, convention):
-    nothing = certificate.Obstacles(jnp.zeros((0, 2)), 0)
-    return certificate.LightDark(nothing, 0.3, 5.0, slope, 0.1, convention)
+def light_dark(slope, convention, dt=0.1):
+    system = certificate.LightDark(0.3, 5.0, slope, 0.1)
+    cost = mb.GoalObstacleCost(jnp.zeros(4), jnp.ones(4), jnp.ones(4), jnp.ones(2))
+    return mb.Problem(
+        system, cost, jnp.zeros(4), jnp.ones(4), dt, steps=1, noise_convention=convention
+    )
 
 
 def test_the_fisher_information_is_the_variance_of_the_score(x64, rng):
     """Monte Carlo: the covariance of d log p(y | x) / dx, position and noise level together."""
-    system, x = light_dark(0.5**0.5, "sample"), jnp.array([3.0, 1.0, 0.2, 0.1])
-    R = certificate.measurement_cov(system, x, 0.1)
+    problem, x = light_dark(0.5**0.5, "sample"), jnp.array([3.0, 1.0, 0.2, 0.1])
+    R = certificate.measurement_cov(problem, x)
 
     def log_density(x, y):
-        cov = certificate.measurement_cov(system, x, 0.1)
-        apart = y - system.c(x)
+        cov = certificate.measurement_cov(problem, x)
+        apart = y - problem.system.c(x)
         return -0.5 * (apart @ jnp.linalg.solve(cov, apart) + jnp.linalg.slogdet(cov)[1])
 
-    y = np.asarray(system.c(x)) + rng.normal(size=(40_000, 2)) * np.sqrt(np.diag(R))
+    y = np.asarray(problem.system.c(x)) + rng.normal(size=(40_000, 2)) * np.sqrt(np.diag(R))
     scores = np.asarray(quick_jit(jax.vmap(jax.grad(log_density), (None, 0)))(x, y))[:, 0]
     squares = scores**2
     told = float(
-        sum(part[0, 0] for part in quick_jit(lambda x: certificate.information(system, x, 0.1))(x))
+        sum(part[0, 0] for part in quick_jit(lambda x: certificate.information(problem, x))(x))
     )
     assert abs(squares.mean() - told) < 4.5 * squares.std() / np.sqrt(len(squares))
     assert told == pytest.approx(3 / float(R[0, 0]), rel=1e-12)

@@ -172,7 +172,7 @@ def test_the_schedule_is_in_transit(flight):
             assert np.linalg.norm(diffusions[-1] - diffusions[0]) > np.linalg.norm(diffusions[0])
             # but for the trace of (4), which is the same for all paths
             traces = np.trace(np.diag(problem.cost.running_weight) @ covs, axis1=1, axis2=2) / 2
-            q = [transient.running(problem.cost, start[:, None], cov)[0] for cov in covs] - traces
+            q = [transient.running(problem, start[:, None], cov)[0] for cov in covs] - traces
             assert np.ptp(q) > 0.1
             costs = transient.printed(problem, start, found.factors[i], found.eps[i]).costs
             w = np.exp(-costs) / np.exp(-costs).sum()
@@ -225,9 +225,11 @@ def test_any_other_algorithm_shows_line_by_line(monkeypatch, x64, mutation):
 
 
 def test_the_grids_expectations_are_those_of_the_closed_forms(x64):
-    cost, cov = transient.transient_problem().cost, transient.COV
+    problem, cov = transient.transient_problem(), transient.COV
     exact = [
-        risk_sensitive(cost, jnp.asarray(m), jnp.asarray(cov), transient.THETA)
+        risk_sensitive(problem, jnp.asarray(m), jnp.asarray(cov), transient.THETA)
         for m in transient.STARTS
     ]
-    np.testing.assert_allclose(transient.running(cost, transient.STARTS.T, cov), exact, rtol=1e-12)
+    np.testing.assert_allclose(
+        transient.running(problem, transient.STARTS.T, cov), exact, rtol=1e-12
+    )

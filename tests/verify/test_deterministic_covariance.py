@@ -11,7 +11,6 @@ import reference
 from certificate_helpers import assert_holds
 from helpers import float64, quick_jit, random_spd
 from mppi_belief.belief import kalman as belief
-from mppi_belief.obstacles import Obstacles
 from mppi_belief.results.certificate import Certificate
 from mppi_belief.systems import LightDark
 from mppi_belief.verify.certificates import deterministic_covariance as covariance
@@ -116,7 +115,7 @@ def test_a_filter_whose_covariance_feels_the_measurements_is_seen(monkeypatch, q
 
 def test_light_that_is_the_same_everywhere_is_seen(monkeypatch, quick_x64):
     def even(dt):
-        system = LightDark(Obstacles(jnp.zeros((0, 2)), 0), 0.3, 5.0, 0.0, 0.1, "intensity")
+        system = LightDark(0.3, 5.0, 0.0, 0.1)
         return light_dark(dt).__class__(**{**vars(light_dark(dt)), "system": system})
 
     light_dark = covariance.light_dark

@@ -29,7 +29,7 @@ def certificate() -> Certificate:
 def penalty() -> er.Plane:
     """The law of the penalty beside the obstacle, exact for theta up to about 0.2."""
     with float64():
-        return er.plane(er.goal_cost(), er.beside(), "penalty", COARSE_ENOUGH)
+        return er.plane(er.goal_problem(), er.beside(), "penalty", COARSE_ENOUGH)
 
 
 @pytest.fixture
@@ -40,11 +40,11 @@ def replaced(monkeypatch, x64) -> Iterator[Callable]:
     er._risks.clear_cache()
 
 
-def quadratic_plane(cost: mb.GoalObstacleCost, mean: np.ndarray, cov: np.ndarray) -> er.Plane:
-    return er.plane(cost, mb.Belief(jnp.asarray(mean), jnp.asarray(cov)), "total", COARSE_ENOUGH)
+def quadratic_plane(problem: mb.Problem, mean: np.ndarray, cov: np.ndarray) -> er.Plane:
+    return er.plane(problem, mb.Belief(jnp.asarray(mean), jnp.asarray(cov)), "total", COARSE_ENOUGH)
 
 
-def quadratic_case(seed: int) -> tuple[mb.GoalObstacleCost, np.ndarray, np.ndarray, er.Quadratic]:
+def quadratic_case(seed: int) -> tuple[mb.Problem, np.ndarray, np.ndarray, er.Quadratic]:
     rng = np.random.default_rng(seed)
     F, S, mean, goal = (
         rng.normal(size=(2, 2)),
@@ -53,10 +53,9 @@ def quadratic_case(seed: int) -> tuple[mb.GoalObstacleCost, np.ndarray, np.ndarr
         rng.normal(size=2),
     )
     W, cov = F @ F.T + 0.1 * np.eye(2), 0.3 * S @ S.T + 0.1 * np.eye(2)
-    cost = mb.GoalObstacleCost(
-        goal, W, W, [1, 1], mb.Obstacles(np.zeros((1, 2)), 0), w_obs=0, bump_width=1
-    )
-    return cost, mean, cov, er.Quadratic(cov @ W, mean - goal, W @ (mean - goal))
+    cost = mb.GoalObstacleCost(goal, W, W, [1, 1], w_obs=0, bump_width=1)
+    problem = er.charged(cost, mb.Obstacles(np.zeros((1, 2)), 0))
+    return problem, mean, cov, er.Quadratic(cov @ W, mean - goal, W @ (mean - goal))
 
 
 def test_the_certificate_holds(certificate):
@@ -70,8 +69,8 @@ def test_the_certificate_holds(certificate):
 
 
 def test_a_wrong_weight_of_the_variance_is_seen(replaced):
-    def wrong(cost: mb.GoalObstacleCost, mean: Array, cov: Array, theta: Array, risk: str) -> Array:
-        return risk_sensitive(cost, mean, cov, 0.999 * theta, risk)
+    def wrong(problem: mb.Problem, mean: Array, cov: Array, theta: Array, risk: str) -> Array:
+        return risk_sensitive(problem, mean, cov, 0.999 * theta, risk)
 
     replaced(wrong)
     case = er.quadratic_expansion(np.random.default_rng(0))
@@ -80,8 +79,8 @@ def test_a_wrong_weight_of_the_variance_is_seen(replaced):
 
 
 def test_a_variance_without_the_covariance_of_its_parts_is_seen(replaced):
-    def wrong(cost: mb.GoalObstacleCost, mean: Array, cov: Array, theta: Array, risk: str) -> Array:
-        m = running_moments(cost, mean, cov)
+    def wrong(problem: mb.Problem, mean: Array, cov: Array, theta: Array, risk: str) -> Array:
+        m = running_moments(problem, mean, cov)
         return (
             m.base
             + m.penalty
@@ -117,7 +116,7 @@ def test_another_third_cumulant_is_seen(x64):
 
 def test_a_risk_above_the_supremum_or_one_that_falls_is_seen(penalty, x64):
     thetas = np.append(er.THETAS, er.THETA)
-    case = er.expansion("penalty", penalty, er.goal_cost(), er.beside(), "penalty", thetas)
+    case = er.expansion("penalty", penalty, er.goal_problem(), er.beside(), "penalty", thetas)
     assert er._reach_checks(case, penalty)[4].holds
     above = case._replace(exact=np.append(case.exact[:-1], case.expanded[-1]))
     assert not er._reach_checks(above, penalty)[4].holds
@@ -129,8 +128,8 @@ def test_a_risk_above_the_supremum_or_one_that_falls_is_seen(penalty, x64):
 
 @pytest.mark.parametrize("seed", range(4))
 def test_the_closed_form_of_a_quadratic_is_the_integral(seed, x64):
-    cost, mean, cov, law = quadratic_case(seed)
-    summed = quadratic_plane(cost, mean, cov)
+    problem, mean, cov, law = quadratic_case(seed)
+    summed = quadratic_plane(problem, mean, cov)
     np.testing.assert_allclose(summed.cumulants(), law.cumulants(), rtol=1e-9)
     for part in (0.01, 0.1, 0.3):
         assert summed.entropic_risk(part * law.pole) == pytest.approx(
@@ -139,12 +138,12 @@ def test_the_closed_form_of_a_quadratic_is_the_integral(seed, x64):
 
 
 def test_beyond_its_pole_a_quadratic_has_no_finite_risk(monkeypatch, x64):
-    cost, mean, cov, law = quadratic_case(0)
+    problem, mean, cov, law = quadratic_case(0)
     assert law.entropic_risk(law.pole) == law.entropic_risk(2 * law.pole) == math.inf
     found = []
     for reach in (5, 10, 20):
         monkeypatch.setattr(er, "REACH", reach)
-        summed = quadratic_plane(cost, mean, cov)
+        summed = quadratic_plane(problem, mean, cov)
         found.append((summed.entropic_risk(0.5 * law.pole), summed.entropic_risk(1.5 * law.pole)))
     below, above = np.array(found).T
     assert abs(below[2] - below[1]) < 1e-6 * below[1]
@@ -152,7 +151,7 @@ def test_beyond_its_pole_a_quadratic_has_no_finite_risk(monkeypatch, x64):
 
 
 def test_the_plane_has_the_packages_moments(penalty, x64):
-    m = running_moments(er.goal_cost(), *er.beside())
+    m = running_moments(er.goal_problem(), *er.beside())
     np.testing.assert_allclose(penalty.cumulants()[:2], [m.penalty, m.penalty_var], rtol=1e-12)
     np.testing.assert_allclose(
         penalty.coarser().cumulants()[:2], [m.penalty, m.penalty_var], rtol=1e-12

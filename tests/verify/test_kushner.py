@@ -130,9 +130,10 @@ def test_the_filter_is_the_slow_one():
 def test_a_systems_coefficients_are_the_systems(convention):
     with float64():
         on = kushner.grid(-1, 1, 7)
-        model = kushner.coefficients(
-            mb.ScalarLinear(-0.5, 0.8, 1.2, 0.6, 0.4, convention), on, 0.05
-        )
+        system = mb.ScalarLinear(-0.5, 0.8, 1.2, 0.6, 0.4)
+        cost = mb.GoalObstacleCost([0], [1], [1], [1])
+        problem = mb.Problem(system, cost, [0], [1], dt=0.05, steps=1, noise_convention=convention)
+        model = kushner.coefficients(problem, on)
     np.testing.assert_allclose(model.f, -0.5 * on.x)
     np.testing.assert_allclose(model.G, 0.8)
     np.testing.assert_allclose(model.c, 1.2 * on.x)

@@ -35,7 +35,6 @@ class Bent:
     c2: float = mb.number(0.0)
     sigma0: float = mb.number(0.5)
     sigma2: float = mb.number(0.0)
-    noise_convention: str = mb.choice("intensity", "sample")
 
     @property
     def H(self) -> Array:
@@ -52,12 +51,6 @@ class Bent:
 
     def sigma_o(self, x: Array) -> Array:
         return jnp.reshape(self.sigma0 + self.sigma2 * x**2, (1, 1))
-
-    def position(self, x: Array) -> Array:
-        return x
-
-    def clearance(self, x: Array) -> Array:
-        return jnp.asarray(jnp.inf)
 
 
 @mb.struct
@@ -128,15 +121,16 @@ def test_each_function_that_is_bent_is_seen(weights, expected):
 
 def planar(A: list, B: list, sensors: Sequence[float] = (0.5,)) -> mb.Problem:
     """Two states of which the first is measured, or both."""
-    system = mb.Linear(A, B, np.eye(len(sensors), 2), 0.3 * np.eye(2), list(sensors), "intensity")
-    none, R = mb.Obstacles(np.zeros((0, 2)), 0), np.ones(np.shape(B)[1])
+    system = mb.Linear(A, B, np.eye(len(sensors), 2), 0.3 * np.eye(2), list(sensors))
+    R = np.ones(np.shape(B)[1])
     return mb.Problem(
         system,
-        mb.GoalObstacleCost([0.0, 0], [1.0, 1], [1.0, 1], R, none, 0, 1),
+        mb.GoalObstacleCost([0.0, 0], [1.0, 1], [1.0, 1], R),
         [1.0, 1],
         [0.4, 0.4],
         0.1,
         5,
+        noise_convention="intensity",
     )
 
 

@@ -13,20 +13,20 @@ from jax import Array
 
 from ..numerics import quadrature
 from ..numerics.linalg import dot
-from ..problem import ClosedFormCost, Cost, CostMoments
+from ..problem import ClosedFormCost, CostMoments, Problem
 
 
-def running_moments(cost: Cost, mean: Array, cov: Array) -> CostMoments:
+def running_moments(problem: Problem, mean: Array, cov: Array) -> CostMoments:
     """Moments of the running cost under N(mean, cov): exact where the cost knows them, else of degree 5."""
-    if isinstance(cost, ClosedFormCost):
-        return cost.running_moments(mean, cov)
-    return quadrature_moments(cost, mean, cov)
+    if isinstance(problem.cost, ClosedFormCost):
+        return problem.cost.running_moments(mean, cov, problem.surroundings)
+    return quadrature_moments(problem, mean, cov)
 
 
-def quadrature_moments(cost: Cost, mean: Array, cov: Array) -> CostMoments:
+def quadrature_moments(problem: Problem, mean: Array, cov: Array) -> CostMoments:
     """The same by cubature, deviations squared after the mean is taken off."""
-    base, weights = quadrature.evaluate(cost.base, mean, cov)
-    penalty, _ = quadrature.evaluate(cost.penalty, mean, cov)
+    base, weights = quadrature.evaluate(problem.cost.base, mean, cov)
+    penalty, _ = quadrature.evaluate(problem.penalty, mean, cov)
     base_mean, penalty_mean = jnp.sum(weights * base), jnp.sum(weights * penalty)
     base, penalty = base - base_mean, penalty - penalty_mean
     return CostMoments(
@@ -39,7 +39,7 @@ def quadrature_moments(cost: Cost, mean: Array, cov: Array) -> CostMoments:
 
 
 def risk_sensitive(
-    cost: Cost,
+    problem: Problem,
     mean: Array,
     cov: Array,
     theta: Array | float,
@@ -52,8 +52,8 @@ def risk_sensitive(
     how the obstacle penalty is expected: "exact", or "at_mean", its value at the mean, with which theta = 0
     is the certainty-equivalent planner (the rest of E[q] differs from base(mean) by the same for all paths).
     """
-    m = running_moments(cost, mean, cov)
-    return _charged(m, m.penalty if expectation == "exact" else cost.penalty(mean), theta, risk)
+    m = running_moments(problem, mean, cov)
+    return _charged(m, m.penalty if expectation == "exact" else problem.penalty(mean), theta, risk)
 
 
 def _charged(m: CostMoments, penalty: Array, theta: Array | float, risk: str) -> Array:
@@ -64,13 +64,13 @@ def _charged(m: CostMoments, penalty: Array, theta: Array | float, risk: str) ->
     return m.base + penalty + 0.5 * theta * variance
 
 
-def mixture_moments(cost: Cost, weights: Array, means: Array, covs: Array) -> CostMoments:
+def mixture_moments(problem: Problem, weights: Array, means: Array, covs: Array) -> CostMoments:
     """Moments of the running cost under sum_i w_i N(mu_i, Sigma_i); weights (m,), means (m, nx), covs (m, nx, nx).
 
     Those within the components and those between them: deviations from the whole's expectation are taken before
     they are multiplied, so nothing cancels. By components: an axis for them takes twice as long.
     """
-    each = [running_moments(cost, mean, cov) for mean, cov in zip(means, covs, strict=True)]
+    each = [running_moments(problem, mean, cov) for mean, cov in zip(means, covs, strict=True)]
     base, penalty = dot(weights, [m.base for m in each]), dot(weights, [m.penalty for m in each])
     return CostMoments(
         base,
@@ -82,7 +82,7 @@ def mixture_moments(cost: Cost, weights: Array, means: Array, covs: Array) -> Co
 
 
 def mixture_risk_sensitive(
-    cost: Cost,
+    problem: Problem,
     weights: Array,
     means: Array,
     covs: Array,
@@ -91,31 +91,32 @@ def mixture_risk_sensitive(
     expectation: str = "exact",
 ) -> Array:
     """q_RS () of a mixture; "at_mean" is the mean of the penalties at the components' means."""
-    m = mixture_moments(cost, weights, means, covs)
+    m = mixture_moments(problem, weights, means, covs)
     return _charged(
         m,
         m.penalty
         if expectation == "exact"
-        else dot(weights, [cost.penalty(mean) for mean in means]),
+        else dot(weights, [problem.penalty(mean) for mean in means]),
         theta,
         risk,
     )
 
 
-def certainty_equivalent(cost: Cost, mean: Array) -> Array:
+def certainty_equivalent(problem: Problem, mean: Array) -> Array:
     """The running cost at the mean (), blind to the covariance."""
-    return cost.base(mean) + cost.penalty(mean)
+    return problem.cost.base(mean) + problem.penalty(mean)
 
 
-def expected_terminal(cost: Cost, mean: Array, cov: Array) -> Array:
+def expected_terminal(problem: Problem, mean: Array, cov: Array) -> Array:
     """phi(mu, Sigma) ()."""
-    if isinstance(cost, ClosedFormCost):
-        return cost.terminal_mean(mean, cov)
-    return quadrature.expectation(cost.terminal, mean, cov)
+    if isinstance(problem.cost, ClosedFormCost):
+        return problem.cost.terminal_mean(mean, cov)
+    return quadrature.expectation(problem.cost.terminal, mean, cov)
 
 
-def mixture_terminal(cost: Cost, weights: Array, means: Array, covs: Array) -> Array:
+def mixture_terminal(problem: Problem, weights: Array, means: Array, covs: Array) -> Array:
     """The same of a mixture."""
     return dot(
-        weights, [expected_terminal(cost, mean, cov) for mean, cov in zip(means, covs, strict=True)]
+        weights,
+        [expected_terminal(problem, mean, cov) for mean, cov in zip(means, covs, strict=True)],
     )

@@ -42,7 +42,7 @@ def aim_sensor(problem: Problem, mean: Array, root: Array, sampled: bool = True)
     """
     if not isinstance(problem.system, SteerableSensor):
         return problem
-    return replace(problem, system=problem.system.aimed(mean, root, problem.dt, sampled))
+    return replace(problem, system=problem.system.aimed(problem, mean, root, sampled))
 
 
 def aim_sensor_ahead(problem: Problem, belief: Any, u: Array) -> Problem:
@@ -83,4 +83,4 @@ def filter_step(
 def _linearised_measurement(problem: Problem, mean: Array) -> tuple[Array, Array]:
     """Returns the Jacobian C (ny, nx) and the noise covariance R_s (ny, ny) at a mean (nx,)."""
     C = jax.jacfwd(problem.system.c)(mean)
-    return C, measurement_cov(problem.system, mean, problem.dt)
+    return C, measurement_cov(problem, mean)

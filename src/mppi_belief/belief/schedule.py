@@ -59,10 +59,12 @@ def gain_schedule(
 def _riccati_schedule_step(
     problem: Problem, mean: Array, root: Array, u: Array
 ) -> tuple[Array, Array, Array, Array]:
-    system, dt = aim_sensor(problem, mean, root, sampled=False).system, problem.dt
+    problem = aim_sensor(problem, mean, root, sampled=False)
+    system = problem.system
+    dt = problem.dt
     A = jax.jacfwd(lambda x: system.f(x) + system.G(x) @ u)(mean)
     C = jax.jacfwd(system.c)(mean)
-    R_o = measurement_intensity(system, mean, dt)
+    R_o = measurement_intensity(problem, mean)
     K, D = kalman_bucy_gain(covariance(root), C, R_o)
     return (
         euler_step(system, mean, u, dt),

@@ -64,10 +64,10 @@ class JointBelief:
         self, problem: Problem, start: RootBelief, controls: Array
     ) -> tuple[Array, Array]:
         """State costs (N,) and means (H, nx, N) of the paths that controls (H, nu, N) lead along."""
-        cost, samples = problem.cost, controls.shape[-1]
+        samples = controls.shape[-1]
 
         def running(mean: Array, cov: Array) -> Array:
-            return risk_sensitive(cost, mean, cov, self.theta, self.risk, self.expectation)
+            return risk_sensitive(problem, mean, cov, self.theta, self.risk, self.expectation)
 
         move = vmap_scalarized(
             lambda mean, root, u: filter_step(problem, mean, root, u)[:2], (True, True, True)
@@ -90,6 +90,6 @@ class JointBelief:
             advance, (mean, root, jnp.zeros(samples)), controls
         )
         last = vmap_scalarized(
-            lambda mean, root: expected_terminal(cost, mean, covariance(root)), (True, True)
+            lambda mean, root: expected_terminal(problem, mean, covariance(root)), (True, True)
         )
         return total + last(mean, root), means

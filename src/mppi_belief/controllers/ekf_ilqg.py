@@ -41,7 +41,7 @@ class EKFiLQG:
     ) -> tuple[Array, ilqr.Policy, ilqr.Info]:
         """The converged plan's first control with its feedback (nu,), the plan shifted by one step, diagnostics."""
         cost = ilqr.state_cost(
-            problem, lambda x: certainty_equivalent(problem.cost, x), self.horizon, self.charge
+            problem, lambda x: certainty_equivalent(problem, x), self.horizon, self.charge
         )
         settings = ilqr.Settings(
             self.tolerance, self.max_iterations, self.damping, self.damping_factor, self.damping_max

@@ -187,16 +187,16 @@ class MPPIBelief:
         self, problem: Problem, belief: MixtureBelief, means: Array, covs: Array
     ) -> Array:
         """Path costs (N,) for means (H, m, nx, N) along covs (H+1, m, nx, nx)."""
-        cost, weights = problem.cost, belief.weights
+        weights = belief.weights
         starts = jnp.broadcast_to(belief.means[:, :, None], means.shape[1:])
 
         def running(mus: Array, covs: Array) -> Array:
             return mixture_risk_sensitive(
-                cost, weights, mus, covs, self.theta, self.risk, self.expectation
+                problem, weights, mus, covs, self.theta, self.risk, self.expectation
             )
 
         def terminal(mus: Array, covs: Array) -> Array:
-            return mixture_terminal(cost, weights, mus, covs)
+            return mixture_terminal(problem, weights, mus, covs)
 
         return pi.path_costs(problem, starts, means, covs, self.charge, running, terminal)
 
@@ -237,16 +237,17 @@ class MPPIBelief:
 
     def _rates(self, problem: Problem) -> tuple[Rate, Rate]:
         """Running and terminal cost of a mean (nx,) and covariance (nx, nx)."""
-        cost = problem.cost
 
         def running(mu: Array, cov: Array) -> Array:
             if self.evaluate == "mean":
-                return certainty_equivalent(cost, mu)
-            return risk_sensitive(cost, mu, cov, self.theta, self.risk, self.expectation)
+                return certainty_equivalent(problem, mu)
+            return risk_sensitive(problem, mu, cov, self.theta, self.risk, self.expectation)
 
         def terminal(mu: Array, cov: Array) -> Array:
             return (
-                cost.terminal(mu) if self.evaluate == "mean" else expected_terminal(cost, mu, cov)
+                problem.cost.terminal(mu)
+                if self.evaluate == "mean"
+                else expected_terminal(problem, mu, cov)
             )
 
         return running, terminal

@@ -73,7 +73,7 @@ class PIPF:
 
     def _costs(self, problem: Problem, starts: Array, controls: Array) -> Array:
         """Path costs (K L,) from states (nx, K L), the penalty at the state."""
-        cost, states = problem.cost, pi.rollouts(problem, starts, controls)
+        states = pi.rollouts(problem, starts, controls)
         certain = jnp.zeros((self.horizon + 1, *(starts.shape[0],) * 2))
         return pi.path_costs(
             problem,
@@ -81,8 +81,8 @@ class PIPF:
             states,
             certain,
             self.charge,
-            lambda x, _: certainty_equivalent(cost, x),
-            lambda x, _: cost.terminal(x),
+            lambda x, _: certainty_equivalent(problem, x),
+            lambda x, _: problem.cost.terminal(x),
         )
 
     def _weights(self, costs: Array, log_weights: Array) -> Array:

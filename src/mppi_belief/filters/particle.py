@@ -72,7 +72,7 @@ class ParticleFilter:
 
 def log_likelihood(problem: Problem, x: Array, at: Array, y: Array) -> Array:
     """log N(y; c(x), R_s(at)) () up to a constant, for states x and at (nx,); finite however far off y is."""
-    R_s = measurement_cov(problem.system, at, problem.dt)
+    R_s = measurement_cov(problem, at)
     off = measurement_difference(problem.system, y, problem.system.c(x))
     return -0.5 * (quadratic_form(spd_inverse(R_s), off) + log_det_spd(R_s))
 

@@ -100,6 +100,4 @@ def regression(problem: Problem, ahead: RootBelief) -> Regression:
     shift = weights @ off
     slope = (weights[:, None] * z).T @ (off - shift)
     left = (off - shift - z @ slope) * jnp.sqrt(weights)[:, None]
-    return Regression(
-        middle + shift, slope, measurement_cov(system, mean, problem.dt) + left.T @ left
-    )
+    return Regression(middle + shift, slope, measurement_cov(problem, mean) + left.T @ left)

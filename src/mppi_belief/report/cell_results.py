@@ -31,6 +31,7 @@ class CellResults(NamedTuple):
     rows        the first `wanted` trials that are done, one row each, failed ones too
     good        those of them that went well: what averages are taken of
     paths       a row per step of the kept trials among them: trial, step, state, mean, cov (flat), control
+                with the position at the front of the state
     scene       dt, start, goal, obstacles, radius, noise; None where nothing was kept
     seconds     wall times of single control steps, empty where none were taken
     recording   one trial in detail (`mppi_belief.trial.recording`), or None
@@ -90,18 +91,34 @@ def read_cell_results(
         warn(line)
     rows = contents.rows[list(COLUMNS)]
     rows = rows[rows["trial"] < wanted].reset_index(drop=True)
+    steps = contents.steps[contents.steps["trial"].isin(rows["trial"])]
+    scene = _note(contents, "scene", {"dt", "start", "goal", "obstacles", "radius"})
     timing = _note(contents, "timing", {"seconds"})
     record = cell.config.get("record")
     return CellResults(
         cell,
         wanted,
         rows,
-        contents.steps[contents.steps["trial"].isin(rows["trial"])],
-        _note(contents, "scene", {"dt", "start", "goal", "obstacles", "radius"}),
+        _position_first(steps, scene),
+        scene,
         timing["seconds"] if timing else [],
         _note(contents, f"recording-{record}", {"trial", "samples", "matching"}),
         sources_of(contents, rows["trial"]),
     )
+
+
+def _position_first(steps: pd.DataFrame, scene: dict[str, Any] | None) -> pd.DataFrame:
+    """Returns the steps with the position in front of the other components of state, mean and cov."""
+    position = (scene or {}).get("position", [])
+    if steps.empty or position == list(range(len(position))):
+        return steps
+    nx = len(steps["state"].iloc[0])
+    order = [*position, *(i for i in range(nx) if i not in position)]
+    block = np.ix_(order, order)
+    states: Any = [np.asarray(state)[order] for state in steps["state"]]
+    means: Any = [np.asarray(mean)[order] for mean in steps["mean"]]
+    covs: Any = [np.reshape(cov, (nx, nx))[block].ravel() for cov in steps["cov"]]
+    return steps.assign(state=states, mean=means, cov=covs)
 
 
 def _note(contents: CellContents, name: str, keys: set[str]) -> dict[str, Any] | None:

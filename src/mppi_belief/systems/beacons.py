@@ -16,15 +16,13 @@ itself, kappa = 0 its linearisation at z. Deviations are those at the beacons' t
 import jax.numpy as jnp
 from jax import Array
 
-from ..obstacles import Obstacles
-from ..structs import array, choice, number, struct
+from ..structs import array, number, struct
 
 
 @struct
 class Beacons:
     """A unicycle among n beacons (n, 2); c has no derivative at a beacon."""
 
-    obstacles: Obstacles
     beacons: Array = array(ndim=2)  # b_j, m
     anchor: Array = array(ndim=1)  # z (2,), m
     turn_noise: float = number(ge=0)  # sigma_h, rad/s^0.5
@@ -34,7 +32,6 @@ class Beacons:
     bearing_floor: float = number(gt=0)  # rad
     bearing_slope: float = number(ge=0)  # rad/m
     curvature: float = number(1.0, ge=0)  # kappa
-    noise_convention: str = choice("sample", "intensity")
 
     @property
     def H(self) -> Array:
@@ -78,12 +75,6 @@ class Beacons:
             self.bearing_floor + self.bearing_slope * far,
         )
         return jnp.diag(jnp.ravel(jnp.stack(deviations, axis=1)))
-
-    def position(self, x: Array) -> Array:
-        return x[:2]
-
-    def clearance(self, x: Array) -> Array:
-        return self.obstacles.clearance(self.position(x))
 
 
 def _or_one(kappa: Array | float) -> Array:

@@ -8,20 +8,17 @@ State [p_x, p_y, v_x, v_y] in m and m/s, control an acceleration in m/s^2, measu
 import jax.numpy as jnp
 from jax import Array
 
-from ..obstacles import Obstacles
-from ..structs import choice, number, struct
+from ..structs import number, struct
 
 
 @struct
 class LightDark:
     """A planar double integrator whose position sensor is best at p_x = light."""
 
-    obstacles: Obstacles
     process_noise: float = number(ge=0)  # sigma_w, m/s^1.5
     light: float = number()  # x_light, m
     noise_slope: float = number(ge=0)
     noise_floor: float = number(gt=0)
-    noise_convention: str = choice("sample", "intensity")
 
     @property
     def H(self) -> Array:
@@ -38,9 +35,3 @@ class LightDark:
 
     def sigma_o(self, x: Array) -> Array:
         return (self.noise_slope * jnp.abs(x[0] - self.light) + self.noise_floor) * jnp.eye(2)
-
-    def position(self, x: Array) -> Array:
-        return x[:2]
-
-    def clearance(self, x: Array) -> Array:
-        return self.obstacles.clearance(self.position(x))

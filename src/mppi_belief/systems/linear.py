@@ -6,7 +6,7 @@ dx = (A x + B u) dt + H dw,      dy = C x dt + sigma_o dnu
 import jax.numpy as jnp
 from jax import Array
 
-from ..structs import array, choice, struct
+from ..structs import array, struct
 
 
 @struct
@@ -18,7 +18,6 @@ class Linear:
     C: Array = array(ndim=2)  # (ny, nx)
     channel: Array = array(ndim=2)  # H (nx, nw)
     sensor_noise: Array = array(ndim=1, gt=0)  # the diagonal of sigma_o (ny,)
-    noise_convention: str = choice("intensity", "sample")
 
     @property
     def H(self) -> Array:
@@ -35,9 +34,3 @@ class Linear:
 
     def sigma_o(self, x: Array) -> Array:
         return jnp.diag(jnp.asarray(self.sensor_noise))
-
-    def position(self, x: Array) -> Array:
-        return x
-
-    def clearance(self, x: Array) -> Array:
-        return jnp.asarray(jnp.inf)

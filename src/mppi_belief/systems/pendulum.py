@@ -16,22 +16,19 @@ kappa = 0 its tangent at z; with z = 0, c_kappa = sin(kappa a) / kappa.
 import jax.numpy as jnp
 from jax import Array
 
-from ..obstacles import Obstacles
-from ..structs import choice, number, struct
+from ..structs import number, struct
 
 
 @struct
 class Pendulum:
     """A damped pendulum with a torque; its obstacles are stops, angles (n, 1) with a half width."""
 
-    obstacles: Obstacles
     gravity: float = number(ge=0)  # g, over the length, 1/s^2
     damping: float = number(ge=0)  # d, 1/s
     process_noise: float = number(ge=0)  # sigma_w, rad/s^1.5
     sensor_noise: float = number(gt=0)  # sigma_o
     anchor: float = number(0.0)  # z, rad
     curvature: float = number(1.0, ge=0)  # kappa
-    noise_convention: str = choice("sample", "intensity")
 
     @property
     def H(self) -> Array:
@@ -50,9 +47,3 @@ class Pendulum:
 
     def sigma_o(self, x: Array) -> Array:
         return jnp.reshape(jnp.asarray(self.sensor_noise, dtype=float), (1, 1))
-
-    def position(self, x: Array) -> Array:
-        return x[:1]
-
-    def clearance(self, x: Array) -> Array:
-        return self.obstacles.clearance(self.position(x))

@@ -9,20 +9,17 @@ State [p_x, p_y] in m, control a velocity in m/s, measurement in m.
 import jax.numpy as jnp
 from jax import Array
 
-from ..obstacles import Obstacles
-from ..structs import choice, number, struct
+from ..structs import number, struct
 
 
 @struct
 class PointRobot:
     """A planar single integrator; the variance of its measurements is quadratic in the distance to the light."""
 
-    obstacles: Obstacles
     process_noise: float = number(ge=0)  # sigma_w, m/s^0.5
     light: float = number()  # m
     noise_curvature: float = number(ge=0)
     noise_floor: float = number(gt=0)  # m^2
-    noise_convention: str = choice("sample", "intensity")
 
     @property
     def H(self) -> Array:
@@ -41,9 +38,3 @@ class PointRobot:
         return jnp.sqrt(
             self.noise_curvature * (x[0] - self.light) ** 2 + self.noise_floor
         ) * jnp.eye(2)
-
-    def position(self, x: Array) -> Array:
-        return x
-
-    def clearance(self, x: Array) -> Array:
-        return self.obstacles.clearance(x)

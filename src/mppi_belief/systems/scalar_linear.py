@@ -6,7 +6,7 @@ dx = (a x + b u) dt + sigma_w dw,      dy = c x dt + sigma_o dnu
 import jax.numpy as jnp
 from jax import Array
 
-from ..structs import choice, number, struct
+from ..structs import number, struct
 
 
 @struct
@@ -18,7 +18,6 @@ class ScalarLinear:
     sensor_gain: float = number()  # c
     process_noise: float = number(ge=0)  # sigma_w
     sensor_noise: float = number(gt=0)  # sigma_o
-    noise_convention: str = choice("intensity", "sample")
 
     @property
     def H(self) -> Array:
@@ -35,9 +34,3 @@ class ScalarLinear:
 
     def sigma_o(self, x: Array) -> Array:
         return jnp.reshape(jnp.asarray(self.sensor_noise, dtype=float), (1, 1))
-
-    def position(self, x: Array) -> Array:
-        return x
-
-    def clearance(self, x: Array) -> Array:
-        return jnp.asarray(jnp.inf)

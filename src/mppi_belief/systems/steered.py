@@ -12,17 +12,15 @@ from jax import Array
 
 from ..discretise import measurement_factor
 from ..matching.sensor import matching_sensor
-from ..numerics.linalg import as_matrix
-from ..structs import array, choice, number, size, struct
+from ..problem import Problem
+from ..structs import array, choice, number, struct
 
 
 @struct
 class Steered:
-    """nx states, nu controls, ny >= nu measurements, nw noise channels, no obstacles.
+    """Represents a linear system with a sensor that can be turned.
 
-    temperature, control_weight   lambda and R of (15): those of the planner and of the cost
-    limit      the largest signal-to-noise ratio, singular value of sigma_o^-1 C; None: any
-    places     how many of the leading states are a position, in which distances are measured
+    It has nx states, nu controls, ny >= nu measurements and nw noise channels.
     """
 
     A: Array = array(ndim=2)  # (nx, nx)
@@ -30,12 +28,11 @@ class Steered:
     C: Array = array(ndim=2)  # (ny, nx), of the fixed sensor
     channel: Array = array(ndim=2)  # H (nx, nw)
     sensor_noise: Array = array(ndim=1, gt=0)  # the diagonal of sigma_o (ny,)
-    control_weight: Array = array(ndim=(1, 2), gt=0)  # R (nu,) or (nu, nu)
-    temperature: float = number(1.0, gt=0)
-    limit: float | None = number(None, gt=0, optional=True)
-    places: int = size(2)
-    selector: str = choice("matched", "fixed")
-    noise_convention: str = choice("intensity", "sample")
+    temperature: float = number(1.0, gt=0)  # lambda of (15), that of the planner
+    limit: float | None = number(
+        None, gt=0, optional=True
+    )  # of the singular values of sigma_o^-1 C
+    selector: str = choice("matched", "fixed")  # C follows the covariance, or is the matrix given
 
     @property
     def H(self) -> Array:
@@ -53,28 +50,22 @@ class Steered:
     def sigma_o(self, x: Array) -> Array:
         return jnp.diag(jnp.asarray(self.sensor_noise))
 
-    def position(self, x: Array) -> Array:
-        return x[: self.places]
+    def aimed(self, problem: Problem, mean: Array, root: Array, sampled: bool) -> "Steered":
+        """Return the system with the sensor that a belief asks for, fixed from then on.
 
-    def clearance(self, x: Array) -> Array:
-        return jnp.asarray(jnp.inf)
-
-    def aimed(self, mean: Array, root: Array, dt: Array | float, sampled: bool) -> "Steered":
-        """The system with the sensor that a belief N(mean (nx,), root root' (nx, nx)) asks for, which then stays.
-
-        `sampled` measurements come every dt, and the belief is that before one; otherwise the measurement is
-        continuous.
+        The belief is N(mean, root root'), mean (nx,) and root (nx, nx). With `sampled` it is the
+        belief before a measurement every dt, and otherwise that of a continuous measurement.
         """
         if self.selector == "fixed":
             return self
-        noise = measurement_factor(self, mean, dt) * jnp.sqrt(dt)
-        wanted = matching_sensor(
+        dt = problem.dt
+        C = matching_sensor(
             root,
             self.G(mean),
-            as_matrix(self.control_weight),
+            problem.cost.R,
             self.temperature,
-            noise,
+            measurement_factor(problem, mean) * jnp.sqrt(dt),
             dt if sampled else 0.0,
             self.limit,
         )
-        return replace(self, C=wanted, selector="fixed")
+        return replace(self, C=C, selector="fixed")

@@ -8,11 +8,11 @@ import jax
 import numpy as np
 
 from ..config.targets import locate
-from ..errors import ConfigError, unknown_key
+from ..errors import ConfigError, first_line, unknown_key
 from ..problem import Controller, Filter, Problem
 from ..simulate import simulate_trial
 from ..structs import is_struct
-from .validate import check_numbers, check_problem, first_line
+from .validate import check_numbers, check_problem
 
 
 class Experiment(NamedTuple):

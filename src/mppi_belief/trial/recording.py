@@ -62,7 +62,7 @@ def _run(
     problem: Problem, filter: Filter, controller: Controller, seed: Any, trial: Any
 ) -> tuple[tuple[Array, Array] | None, Trial]:
     """Positions (T, H, d, N) and weights (T, N) of the sampled paths, if the planner tells them; the trial."""
-    place = jax.vmap(jax.vmap(problem.system.position, in_axes=-1, out_axes=-1))
+    place = jax.vmap(jax.vmap(problem.position_of, in_axes=-1, out_axes=-1))
 
     def note(info: Any) -> tuple[Array, Array] | None:
         shapes = [getattr(getattr(info, name, None), "ndim", 0) for name in ("means", "weights")]
@@ -90,8 +90,7 @@ def _matching(
     curves: dict[str, Any] = {}
     temperature = getattr(controller, "temperature", None)
     for convention, method in (("sample", "filter"), ("intensity", "riccati")):
-        system: Any = problem.system
-        told = replace(problem, system=replace(system, noise_convention=convention))
+        told = replace(problem, noise_convention=convention)
         start = prior(told)._replace(mean=means[0])
         schedule = gain_schedule(told, start, controls, method, means[1:])
         curves[convention] = {"optimum": _curve(told, schedule, None)}
@@ -131,7 +130,7 @@ def _outside(problem: Problem, before: Belief, controls: Array) -> Array:
     def at(given: tuple[Belief, Array]) -> Array:
         mean, root = predict(problem, *given)
         system = aim_sensor(problem, mean, root).system
-        middle, units = system.c(mean), measurement_factor(system, mean, problem.dt)
+        middle, units = system.c(mean), measurement_factor(problem, mean)
 
         def seen(x: Array) -> Array:
             return jnp.linalg.solve(units, measurement_difference(system, system.c(x), middle))

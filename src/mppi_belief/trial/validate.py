@@ -1,12 +1,13 @@
-"""Whether a problem can be run at all: what its numbers, its shapes and its functions are, before any trial.
+"""Checks before any trial whether a problem can be run: its numbers, shapes and functions.
 
-Shapes are traced, once for every structure; values are computed at the prior mean, at the goal and at a few states
-drawn from the prior, by one small program for every structure. A sweep over numbers compiles nothing anew.
+Shapes are traced, once for every structure. Values are computed at the prior mean, at the goal and
+at a few states drawn from the prior, by one small program for every structure. A sweep over numbers
+compiles nothing anew.
 """
 
+import dataclasses
 import functools
 import inspect
-from collections.abc import Callable
 from typing import Any
 
 import jax
@@ -15,16 +16,42 @@ import numpy as np
 from jax import Array
 
 from ..discretise import measurement_cov, measurement_factor
-from ..errors import ConfigError
+from ..errors import ConfigError, first_line
 from ..problem import Problem
 
-CONVENTIONS = ("sample", "intensity")
 DRAWS = 4  # states from the prior at which functions are computed
-NEEDED = {
-    "system": ("noise_convention", "H", "f", "G", "c", "sigma_o", "position", "clearance"),
-    "cost": ("R", "goal", "base", "penalty", "terminal"),
+SYMMETRIC = 1e-6  # relative to the largest entry of R
+DEFINITE = 1e-12  # least eigenvalue of R, relative to the largest
+
+Shape = tuple[int, ...]
+
+# Members by the name that messages give them, and their shapes: nx states, nu controls, nw noise
+# channels, ny measurements, m modes of the prior. A size is fixed where it is met first.
+SHAPES: dict[str, tuple[str, ...]] = {
+    "problem.prior_mean": ("nx",),
+    "problem.prior_std": ("nx",),
+    "problem.prior_modes": ("m", "nx"),
+    "problem.prior_weights": ("m",),
+    "cost.goal": ("nx",),
+    "cost.R": ("nu", "nu"),
+    "system.f": ("nx",),
+    "system.G": ("nx", "nu"),
+    "system.H": ("nx", "nw"),
+    "system.c": ("ny",),
+    "system.sigma_o": ("ny", "ny"),
+    "problem.obstacles.clearance": (),
+    "cost.base": (),
+    "cost.penalty": (),
+    "cost.terminal": (),
 }
-_UNTRACED = "it needs the values of its state, as `if`, `float` and NumPy do; JAX has jnp.where and jnp.* for that"
+CONSTANT = ("system.H", "cost.R", "cost.goal")  # properties, not functions of the state
+OPTIONAL = ("problem.prior_modes", "problem.prior_weights")
+MAY_BE_INFINITE = ("problem.obstacles.clearance",)
+
+_UNTRACED = (
+    "it needs the values of its state, as `if`, `float` and NumPy do; "
+    "JAX has jnp.where and jnp.* for that"
+)
 _TRACERS = (jax.errors.ConcretizationTypeError, jax.errors.TracerArrayConversionError)
 
 
@@ -32,11 +59,8 @@ def check_numbers(parts: Any, precision: str) -> None:
     """Raise `ConfigError` for a number of `parts` that the precision cannot hold."""
     for keys, leaf in jax.tree.leaves_with_path(parts):
         name = ".".join(str(getattr(key, "name", getattr(key, "key", key))) for key in keys)
-        name = (
-            name.removeprefix("problem.")
-            if name.startswith(("problem.system", "problem.cost"))
-            else name
-        )
+        if name.startswith(("problem.system", "problem.cost")):
+            name = name.removeprefix("problem.")
         try:
             with np.errstate(all="ignore"):
                 value = np.asarray(leaf, dtype=precision)
@@ -51,165 +75,201 @@ def check_numbers(parts: Any, precision: str) -> None:
 
 
 def check_problem(problem: Problem, precision: str) -> None:
-    """Raise `ConfigError` for a function of the system or the cost that is missing, fails, or returns what it should
-    not: another shape or type, nothing finite, a singular sigma_o, an R that is not positive definite."""
-    for group, names in NEEDED.items():
-        part = getattr(problem, group)
-        for name in names:
-            if inspect.getattr_static(part, name, None) is None:
-                raise ConfigError(f"{group}.{name} is missing: {type(part).__name__} must have it")
-    if problem.system.noise_convention not in CONVENTIONS:
-        said = problem.system.noise_convention
-        raise ConfigError(
-            f"system.noise_convention={said!r}: must be one of {', '.join(CONVENTIONS)}"
-        )
+    """Raise `ConfigError` for a member of the system, the cost or the obstacles that does not fit.
+
+    It is missing, fails, or returns another shape or type, or a value that is not finite; sigma_o is
+    singular, or R is not positive definite.
+    """
+    for name in _names(problem):
+        _check_member(problem, name)
+    _check_position(problem)
     leaves, structure = jax.tree.flatten(problem)
     _check_functions(structure, tuple(np.shape(leaf) for leaf in leaves), precision)
     _check_values(problem, precision)
 
 
-@functools.cache
-def _check_functions(structure: Any, shapes: tuple[tuple[int, ...], ...], precision: str) -> None:
-    """Every function takes a state of the prior's size and returns what it should; traced in the current precision."""
-    problem: Problem = jax.tree.unflatten(
-        structure, [jax.ShapeDtypeStruct(shape, float) for shape in shapes]
-    )
+def _names(problem: Problem) -> list[str]:
+    """Return the names in `SHAPES` that this problem has to have."""
+    absent = [name for name in OPTIONAL if getattr(problem, name.rpartition(".")[2]) is None]
+    if problem.obstacles is None:
+        absent.append("problem.obstacles.clearance")
+    return [name for name in SHAPES if name not in absent]
 
-    def shape(
-        name: str, function: Callable[[Problem, Array], Any], wanted: tuple[int, ...] | None = None
-    ) -> tuple[int, ...]:
-        return _shape(name, function, problem, wanted)
 
+def _owner(problem: Problem, name: str) -> Any:
+    """Return the object whose member a name of `SHAPES` is."""
+    parts = name.split(".")[:-1]
+    owner: Any = problem
+    for part in parts if parts[0] != "problem" else parts[1:]:
+        owner = getattr(owner, part)
+    return owner
+
+
+def _check_member(problem: Problem, name: str) -> None:
+    """Raise `ConfigError` for a member that is missing or takes other arguments."""
+    owner = _owner(problem, name)
+    member = inspect.getattr_static(owner, name.rpartition(".")[2], None)
+    if member is None:
+        raise ConfigError(f"{name} is missing: {type(owner).__name__} must have it")
+    if name in CONSTANT and inspect.isfunction(member):
+        raise ConfigError(f"{name} is a method: it must be a property, the same for all states")
+    if name == "cost.penalty" and inspect.isfunction(member):
+        _check_takes_surroundings(member, name, "x, surroundings")
+        moments = inspect.getattr_static(owner, "running_moments", None)
+        if inspect.isfunction(moments):
+            _check_takes_surroundings(moments, "cost.running_moments", "mean, cov, surroundings")
+
+
+def _check_takes_surroundings(method: Any, name: str, arguments: str) -> None:
+    """Raise `ConfigError` for a method that does not take the position and the obstacles."""
+    try:
+        inspect.signature(method).bind("self", *arguments.split(", "))
+    except TypeError as error:
+        raise ConfigError(
+            f"{name} must take ({arguments}): surroundings.clearance(x) is the distance of a state "
+            "to the problem's obstacles"
+        ) from error
+
+
+def _check_position(problem: Problem) -> None:
+    """Raise `ConfigError` for a component of the position that the state does not have."""
+    position = problem.position or ()
     nx = len(problem.prior_mean)
-    shape("prior_std", lambda p, x: jnp.asarray(p.prior_std), (nx,))
-    modes = 1 if problem.prior_modes is None else max(1, len(problem.prior_modes))
-    if problem.prior_modes is not None:
-        shape("problem.prior_modes", lambda p, x: jnp.asarray(p.prior_modes), (modes, nx))
-    if problem.prior_weights is not None:
-        shape("problem.prior_weights", lambda p, x: jnp.asarray(p.prior_weights), (modes,))
-    shape("cost.goal", lambda p, x: jnp.asarray(p.cost.goal), (nx,))
-    nu = shape("cost.R", lambda p, x: p.cost.R)[0]
-    shape("cost.R", lambda p, x: p.cost.R, (nu, nu))
-    shape("system.f", lambda p, x: p.system.f(x), (nx,))
-    shape("system.G", lambda p, x: p.system.G(x), (nx, nu))
-    nw = shape("system.H", lambda p, x: p.system.H)[-1]
-    shape("system.H", lambda p, x: p.system.H, (nx, nw))
-    ny = shape("system.c", lambda p, x: p.system.c(x))[0]
-    shape("system.c", lambda p, x: p.system.c(x), (ny,))
-    shape("system.sigma_o", lambda p, x: p.system.sigma_o(x), (ny, ny))
-    d = shape("system.position", lambda p, x: p.system.position(x))[0]
-    shape("system.position", lambda p, x: p.system.position(x), (d,))
-    shape("system.clearance", lambda p, x: p.system.clearance(x), ())
-    shape("cost.base", lambda p, x: p.cost.base(x), ())
-    shape("cost.penalty", lambda p, x: p.cost.penalty(x), ())
-    shape("cost.terminal", lambda p, x: p.cost.terminal(x), ())
-    for name, n in (
-        ("problem.prior_mean", nx),
-        ("cost.R", nu),
-        ("system.c", ny),
-        ("system.position", d),
-    ):
-        if n == 0:
+    if any(component >= nx for component in position):
+        raise ConfigError(
+            f"problem.position={list(position)}: the state has components 0..{nx - 1}"
+        )
+
+
+@functools.cache
+def _check_functions(structure: Any, shapes: tuple[Shape, ...], precision: str) -> None:
+    """Raise `ConfigError` for a shape or type that does not fit; traced in the current precision."""
+    leaves = [jax.ShapeDtypeStruct(shape, float) for shape in shapes]
+    problem: Problem = jax.tree.unflatten(structure, leaves)
+    sizes: dict[str, int] = {}
+    for name in _names(problem):
+        shape = _shape(problem, name)
+        for axis, size in enumerate(SHAPES[name]):
+            # A vector in place of a matrix still tells how large the matrix must be.
+            sizes.setdefault(size, shape[min(axis, len(shape) - 1)] if shape else 1)
+        expected = tuple(sizes[size] for size in SHAPES[name])
+        if shape != expected:
+            nx = sizes["nx"]
+            raise ConfigError(
+                f"{name} has shape {shape}, must be {expected} for a state of shape ({nx},)"
+            )
+        if 0 in expected and name != "system.H":
             raise ConfigError(f"{name} is empty")
 
 
-def _shape(
-    name: str,
-    function: Callable[[Problem, Array], Any],
-    problem: Problem,
-    wanted: tuple[int, ...] | None,
-) -> tuple[int, ...]:
-    """The shape that `function` returns for a state; raises `ConfigError` if it fails or is not the one wanted."""
+def _shape(problem: Problem, name: str) -> Shape:
+    """Return the shape of a member at a state; raises `ConfigError` if it fails or is no array."""
     x: Any = jax.ShapeDtypeStruct(problem.prior_mean.shape, float)
     try:
-        got = jax.eval_shape(function, problem, x)
+        result = jax.eval_shape(functools.partial(_value, name), problem, x)
     except Exception as error:
-        why = _UNTRACED if isinstance(error, _TRACERS) else first_line(error)
-        raise ConfigError(f"{name} fails for a state of shape {x.shape}: {why}") from error
-    if not isinstance(got, jax.ShapeDtypeStruct):
-        raise ConfigError(f"{name} returns a {type(got).__name__}, must return one array")
-    if wanted is not None and got.shape != wanted:
+        reason = _UNTRACED if isinstance(error, _TRACERS) else first_line(error)
         raise ConfigError(
-            f"{name} has shape {got.shape}, must be {wanted} for a state of shape {x.shape}"
-        )
-    if not jnp.issubdtype(got.dtype, jnp.floating):
+            f"{name} fails for a state of shape {x.shape}: {reason}{_hint(problem, name)}"
+        ) from error
+    if not isinstance(result, jax.ShapeDtypeStruct):
+        raise ConfigError(f"{name} returns a {type(result).__name__}, must return one array")
+    if not jnp.issubdtype(result.dtype, jnp.floating):
         raise ConfigError(
-            f"{name} returns {got.dtype}, must return floating-point numbers (1.0, not 1)"
+            f"{name} returns {result.dtype}, must return floating-point numbers (1.0, not 1)"
         )
-    return got.shape or (1,)
+    return result.shape
 
 
-def first_line(error: Exception) -> str:
-    """What an exception says first, or its name."""
-    return next(iter(str(error).strip().splitlines()), type(error).__name__)
+def _value(name: str, problem: Problem, x: Array) -> Any:
+    """Return what a member of `SHAPES` gives at a state (nx,)."""
+    if name == "cost.penalty":
+        return problem.penalty(x)
+    if name == "problem.obstacles.clearance":
+        return problem.clearance(x)
+    member = getattr(_owner(problem, name), name.rpartition(".")[2])
+    if name.startswith("problem.") or name == "cost.goal":
+        return jnp.asarray(member)
+    return member if name in CONSTANT else member(x)
 
 
-@functools.partial(
-    jax.jit, compiler_options={"xla_backend_optimization_level": 0}
-)  # it runs once for each cell
+def _hint(problem: Problem, name: str) -> str:
+    """Return a sentence about fields annotated as whole numbers that are not made with `size`."""
+    owner = _owner(problem, name)
+    if not dataclasses.is_dataclass(owner):
+        return ""
+    fields = dataclasses.fields(owner)
+    whole = [field.name for field in fields if field.type in (int, "int") and not field.metadata]
+    if not whole:
+        return ""
+    return f"; a whole number such as {', '.join(whole)} is declared with mppi_belief.size"
+
+
+# Compiled without optimisation, since it runs once for each cell.
+@functools.partial(jax.jit, compiler_options={"xla_backend_optimization_level": 0})
 def _values(problem: Problem, states: Array) -> dict[str, Array]:
-    """What every function returns at states (P, nx), each with one more axis (P, ...) at the front."""
-    system, cost = problem.system, problem.cost
+    """Return what every member gives at states (P, nx), each with one more axis (P, ...) in front."""
 
-    def at(x: Array) -> dict[str, Any]:
-        return {
-            "prior_std^2": jnp.asarray(problem.prior_std) ** 2,
-            "cost.goal": jnp.asarray(cost.goal),
-            "cost.R": cost.R,
-            "system.H": system.H,
-            **{
-                f"system.{name}": getattr(system, name)(x)
-                for name in ("f", "G", "c", "position", "sigma_o")
-            },
-            "system.sigma_o in measurements": measurement_factor(system, x, problem.dt),
-            "system.sigma_o sigma_o' of measurements": measurement_cov(system, x, problem.dt),
-            "system.clearance": system.clearance(x),
-            **{f"cost.{name}": getattr(cost, name)(x) for name in ("base", "penalty", "terminal")},
-        }
+    def at_state(x: Array) -> dict[str, Any]:
+        values = {name: _value(name, problem, x) for name in _names(problem)}
+        values["problem.prior_std^2"] = jnp.asarray(problem.prior_std) ** 2
+        values["system.sigma_o in measurements"] = measurement_factor(problem, x)
+        values["system.sigma_o sigma_o' of measurements"] = measurement_cov(problem, x)
+        return values
 
-    return jax.vmap(at)(states)
+    return jax.vmap(at_state)(states)
 
 
 def _check_values(problem: Problem, precision: str) -> None:
-    """Everything is finite (clearance may be inf), sigma_o invertible and R positive definite, at a few states."""
-    mean, std, goal = (
-        np.asarray(part) for part in (problem.prior_mean, problem.prior_std, problem.cost.goal)
-    )
-    draws = mean + std * np.random.default_rng(0).normal(size=(DRAWS, len(mean)))
-    modes = () if problem.prior_modes is None else mean + np.asarray(problem.prior_modes)
-    states = np.vstack([mean, goal, draws, *modes]).astype(precision)
+    """Raise `ConfigError` for a value that is not finite, a singular sigma_o, an unfit R."""
+    states = _states(problem).astype(precision)
     try:
-        values = {
-            name: np.asarray(value, dtype=float) for name, value in _values(problem, states).items()
-        }
+        results = _values(problem, states)
     except Exception as error:
         raise ConfigError(
             f"system or cost cannot be computed for several states: {first_line(error)}"
         ) from error
+    values = {name: np.asarray(value, dtype=float) for name, value in results.items()}
     for name, value in values.items():
-        fine = (
-            ~np.isnan(value) & (value > -np.inf)
-            if name == "system.clearance"
-            else np.isfinite(value)
-        )
-        _refuse(name, "is not finite", fine, states, value)
-    sizes = np.linalg.svd(values["system.sigma_o in measurements"], compute_uv=False)
+        finite = np.isfinite(value)
+        if name in MAY_BE_INFINITE:
+            finite = ~np.isnan(value) & (value > -np.inf)
+        _refuse(name, "is not finite", finite, states, value)
+
+    # The noise must have an inverse, and the square of its least singular value must not underflow.
+    singular_values = np.linalg.svd(values["system.sigma_o in measurements"], compute_uv=False)
+    largest = singular_values[:, 0]
+    least = singular_values[:, -1]
     limits = np.finfo(precision)
-    invertible = (sizes[:, -1] > limits.eps * sizes.shape[1] * sizes[:, 0]) & (
-        sizes[:, -1] ** 2 > limits.tiny
-    )
+    regular = least > limits.eps * singular_values.shape[1] * largest
+    invertible = regular & (least**2 > limits.tiny)
     _refuse("system.sigma_o", "is singular", invertible, states, values["system.sigma_o"])
-    R = values["cost.R"][0]
-    if not np.allclose(R, R.T, atol=1e-6 * np.max(np.abs(R))):
+    _check_control_weight(values["cost.R"][0])
+
+
+def _states(problem: Problem) -> np.ndarray:
+    """Return the states (P, nx) at which values are checked."""
+    mean = np.asarray(problem.prior_mean)
+    std = np.asarray(problem.prior_std)
+    draws = mean + std * np.random.default_rng(0).normal(size=(DRAWS, len(mean)))
+    states = [mean, np.asarray(problem.cost.goal), draws]
+    if problem.prior_modes is not None and len(problem.prior_modes):
+        states.append(mean + np.asarray(problem.prior_modes))
+    return np.vstack(states)
+
+
+def _check_control_weight(R: np.ndarray) -> None:
+    """Raise `ConfigError` for a control weight (nu, nu) that is not symmetric positive definite."""
+    if not np.allclose(R, R.T, atol=SYMMETRIC * np.max(np.abs(R))):
         raise ConfigError(f"cost.R={R.tolist()}: must be symmetric")
-    least, *_, most = (*np.linalg.eigvalsh(R),) * 2
-    if least <= 1e-12 * abs(most):
+    eigenvalues = np.linalg.eigvalsh(R)
+    if eigenvalues[0] <= DEFINITE * abs(eigenvalues[-1]):
         raise ConfigError(f"cost.R={R.tolist()}: must be positive definite")
 
 
 def _refuse(name: str, what: str, fine: np.ndarray, states: np.ndarray, value: np.ndarray) -> None:
-    """Raise `ConfigError` with the first of the states (P, nx) at which not all of `fine` (P, ...) is true."""
+    """Raise `ConfigError` for the first of the states (P, nx) where `fine` (P, ...) is not all true."""
     bad = np.flatnonzero(~np.all(fine.reshape(len(states), -1), axis=1))
     if len(bad):
-        at, got = np.round(states[bad[0]].astype(float), 4).tolist(), value[bad[0]].tolist()
-        raise ConfigError(f"{name} {what} at the state {at}: {got}")
+        state = np.round(states[bad[0]].astype(float), 4).tolist()
+        raise ConfigError(f"{name} {what} at the state {state}: {value[bad[0]].tolist()}")

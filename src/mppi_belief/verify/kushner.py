@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_banded
 
 from ..discretise import measurement_intensity
-from ..problem import System
+from ..problem import Problem
 
 Reals = NDArray[np.float64]
 
@@ -55,14 +55,15 @@ def grid(low: float, high: float, cells: int) -> Grid:
     return Grid(np.asarray(low + h * (np.arange(cells) + 0.5)), h)
 
 
-def coefficients(system: System, on: Grid, dt: float) -> Coefficients:
-    """A system with nx = nu = ny = 1 on a grid; its measurement noise must not depend on the state."""
+def coefficients(problem: Problem, on: Grid) -> Coefficients:
+    """A problem with nx = nu = ny = 1 on a grid; its measurement noise must not depend on the state."""
+    system = problem.system
     points = jnp.asarray(on.x)[:, None]
     f, G, c = (
         np.asarray(jax.vmap(part)(points)).reshape(len(points))
         for part in (system.f, system.G, system.c)
     )
-    R_o = measurement_intensity(system, points[0], dt)
+    R_o = measurement_intensity(problem, points[0])
     return Coefficients(f, G, (system.H @ system.H.T).item(), c, R_o.item())
 
 

@@ -22,7 +22,7 @@ from ..costs import GoalObstacleCost
 from ..matching.weights import matched_weight, residual
 from ..obstacles import Obstacles
 from ..planning import path_integral as pi
-from ..problem import Belief, Cost, Problem
+from ..problem import Belief, Problem
 from ..results.certificate import Check
 from ..systems import ScalarLinear
 from .bands import rounding
@@ -56,12 +56,19 @@ def matched_problem(
     seen = (c / sigma_o) ** 2
     variance = (a + np.sqrt(a**2 + seen * sigma_w**2)) / seen
     R = temperature * b**2 / (seen * variance**2)
-    system = ScalarLinear(a, b, c, sigma_w, sigma_o, "intensity")
+    system = ScalarLinear(a, b, c, sigma_w, sigma_o)
     obstacles = Obstacles(jnp.array([[-0.6], [1.1]]), 0.1)
     goal, q, q_T, weight = (jnp.array([number]) for number in (0.3, 1.0, 0.9, R))
-    cost = GoalObstacleCost(goal, q, q_T, weight, obstacles, w_obs=w_obs, bump_width=0.3)
+    cost = GoalObstacleCost(goal, q, q_T, weight, w_obs=w_obs, bump_width=0.3)
     problem = Problem(
-        system, cost, jnp.zeros(1), jnp.sqrt(jnp.array([variance])), dt=1.0 / steps, steps=steps
+        system,
+        cost,
+        jnp.zeros(1),
+        jnp.sqrt(jnp.array([variance])),
+        dt=1.0 / steps,
+        steps=steps,
+        obstacles=obstacles,
+        noise_convention="intensity",
     )
     return Matched(problem, temperature, theta, np.array([[variance]]))
 
@@ -71,9 +78,9 @@ def with_grid(matched: Matched, duration: float, steps: int) -> Problem:
     return replace(matched.problem, dt=duration / steps, steps=steps)
 
 
-def running(cost: Cost, theta: Array | float, mean: Array, cov: Array) -> Array:
+def running(problem: Problem, theta: Array | float, mean: Array, cov: Array) -> Array:
     """q_RS () of Remark 4, the variance that of the whole cost."""
-    return risk_sensitive(cost, mean, cov, theta, risk="total")
+    return risk_sensitive(problem, mean, cov, theta, risk="total")
 
 
 class Steady(NamedTuple):
@@ -100,10 +107,12 @@ def _schedule(problem: Problem, mean: Array, cov: Array, controls: Array) -> Ste
 
 def equation(matched: Matched, along: Steady) -> Equation:
     """The terms of (13) and (16), read from the package's functions."""
-    system = matched.problem.system
-    cost: Any = matched.problem.cost
+    problem = matched.problem
+    system = problem.system
+    cost: Any = problem.cost
     G = np.asarray(system.G(jnp.zeros(1)))
-    far = _reduced_costs(replace(cost, w_obs=0.0), matched, np.array([-1.0, 0.0, 1.0]))
+    away = replace(problem, cost=replace(cost, w_obs=0.0))
+    far = _reduced_costs(away, matched, np.array([-1.0, 0.0, 1.0]))
     return Equation(
         drift=float(system.f(jnp.ones(1))[0]),
         diffusion=float(along.diffusion[0, 0, 0]),
@@ -111,8 +120,8 @@ def equation(matched: Matched, along: Steady) -> Equation:
         temperature=matched.temperature,
         duration=matched.duration,
         reach=REACH,
-        running=lambda mu: _reduced_costs(cost, matched, mu)[0],
-        terminal=lambda mu: _reduced_costs(cost, matched, mu)[1],
+        running=lambda mu: _reduced_costs(problem, matched, mu)[0],
+        terminal=lambda mu: _reduced_costs(problem, matched, mu)[1],
         far_running=_through(far[0]),
         far_terminal=_through(far[1]),
     )
@@ -124,19 +133,19 @@ def _through(at: np.ndarray) -> Quadratic:
     return Quadratic(centre, (right - left) / 2, right - 2 * centre + left)
 
 
-def _reduced_costs(cost: Cost, matched: Matched, mu: np.ndarray) -> np.ndarray:
+def _reduced_costs(problem: Problem, matched: Matched, mu: np.ndarray) -> np.ndarray:
     """q and phi (2, n) at means (n,)."""
     blocks = np.pad(np.asarray(mu, dtype=float), (0, -len(mu) % BLOCK)).reshape(-1, BLOCK, 1)
     found = [
-        np.asarray(_costs_of_block(cost, matched.theta, block, matched.cov)) for block in blocks
+        np.asarray(_costs_of_block(problem, matched.theta, block, matched.cov)) for block in blocks
     ]
     return np.concatenate(found, axis=1)[:, : len(mu)]
 
 
 @quick_jit
-def _costs_of_block(cost: Cost, theta: Array, means: Array, cov: Array) -> Array:
+def _costs_of_block(problem: Problem, theta: Array, means: Array, cov: Array) -> Array:
     def both(mu: Array) -> Array:
-        return jnp.stack([running(cost, theta, mu, cov), expected_terminal(cost, mu, cov)])
+        return jnp.stack([running(problem, theta, mu, cov), expected_terminal(problem, mu, cov)])
 
     return jax.vmap(both, out_axes=1)(means)
 
@@ -154,8 +163,8 @@ def sampled_costs(
         means,
         along.cov[: H + 1],
         "start",
-        lambda mu, at: running(problem.cost, theta, mu, at),
-        lambda mu, at: expected_terminal(problem.cost, mu, at),
+        lambda mu, at: running(problem, theta, mu, at),
+        lambda mu, at: expected_terminal(problem, mu, at),
     )
     return costs, disturbance
 

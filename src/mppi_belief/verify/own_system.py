@@ -304,7 +304,7 @@ def _skewness(
         mean, cov = belief
         factor, _ = psd_factor(cov)
         states = mean + points @ factor.T
-        q = jax.vmap(lambda x: base * problem.cost.base(x) + problem.cost.penalty(x))(states)
+        q = jax.vmap(lambda x: base * problem.cost.base(x) + problem.penalty(x))(states)
         q = q - weights @ q
         second, third = weights @ q**2, weights @ q**3
         return jnp.where(second > 0, third / (3 * jnp.where(second > 0, second, 1.0)), 0.0)

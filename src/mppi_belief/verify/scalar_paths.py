@@ -12,10 +12,9 @@ from jax import Array
 
 from ..belief.prior import sample_prior
 from ..costs import GoalObstacleCost
-from ..obstacles import Obstacles
 from ..problem import Belief, Filter, Problem, System
 from ..simulate import INITIAL_DRAW, PLANT, plant_step, role_key
-from ..structs import choice, number, struct
+from ..structs import number, struct
 from . import kushner
 from .kushner import Moments, Reals
 
@@ -31,7 +30,6 @@ class Curved:
     curvature: Array | float = number()  # kappa
     process_noise: float = number(ge=0)
     sensor_noise: float = number(gt=0)
-    noise_convention: str = choice("intensity", "sample")
 
     @property
     def H(self) -> Array:
@@ -49,18 +47,20 @@ class Curved:
     def sigma_o(self, x: Array) -> Array:
         return jnp.reshape(jnp.asarray(self.sensor_noise, dtype=float), (1, 1))
 
-    def position(self, x: Array) -> Array:
-        return x
-
-    def clearance(self, x: Array) -> Array:
-        return jnp.asarray(jnp.inf)
-
 
 def problem_of(system: System, duration: float, steps: int) -> Problem:
     """The system with the prior of this certificate; nothing is paid for."""
     nothing, one = jnp.zeros(1), jnp.ones(1)
-    free = GoalObstacleCost(nothing, nothing, nothing, one, Obstacles(jnp.zeros((0, 1)), 0), 0, 1)
-    return Problem(system, free, PRIOR_MEAN * one, PRIOR_STD * one, duration / steps, steps)
+    free = GoalObstacleCost(nothing, nothing, nothing, one)
+    return Problem(
+        system,
+        free,
+        PRIOR_MEAN * one,
+        PRIOR_STD * one,
+        duration / steps,
+        steps,
+        noise_convention="intensity",
+    )
 
 
 def controls_of(steps: int) -> Reals:
@@ -103,7 +103,7 @@ def on_grid(
 ) -> Moments:
     """The grid filter's moments for increments dy (T, P); `c` (n, P) if it differs from path to path."""
     on = kushner.grid(-REACH, REACH, cells)
-    model = kushner.coefficients(problem.system, on, problem.dt)
+    model = kushner.coefficients(problem, on)
     model = model if c is None else model._replace(c=c)
     start = kushner.gaussian(on, PRIOR_MEAN, PRIOR_STD**2)
     return kushner.solve(on, model, start, controls_of(len(dy)), dy, problem.dt, substeps)

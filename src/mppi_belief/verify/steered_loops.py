@@ -28,7 +28,6 @@ from scipy.linalg import solve_discrete_are
 from ..controllers import MPPIBelief
 from ..costs import GoalObstacleCost
 from ..filters import EKF
-from ..obstacles import Obstacles
 from ..problem import Problem
 from ..results.certificate import Check, Line, Panel
 from ..simulate import simulate_trial
@@ -76,14 +75,17 @@ def platform() -> tuple[Problem, Optimum]:
         "channel": GUSTS * G,
         "sensor_noise": np.full(2, NOISE),
     }
-    system = Steered(
-        **plant, control_weight=jnp.asarray(R), temperature=TEMPERATURE, selector="matched"
+    system = Steered(**plant, temperature=TEMPERATURE, selector="matched")
+    cost = GoalObstacleCost(jnp.zeros(4), jnp.array(WEIGHTS), (P + P.T) / 2, jnp.asarray(R))
+    problem = Problem(
+        system,
+        cost,
+        jnp.array(START),
+        jnp.full(4, SPREAD),
+        DT,
+        STEPS,
+        noise_convention="intensity",
     )
-    nothing = Obstacles(jnp.zeros((0, 2)), 0.0)
-    cost = GoalObstacleCost(
-        jnp.zeros(4), jnp.array(WEIGHTS), (P + P.T) / 2, jnp.asarray(R), nothing, 0.0, 1.0
-    )
-    problem = Problem(system, cost, jnp.array(START), jnp.full(4, SPREAD), DT, STEPS)
     return problem, Optimum(F, B, P, np.linalg.solve(S, B.T @ P @ F), S)
 
 

@@ -58,12 +58,21 @@ class Printed(NamedTuple):
 def transient_problem() -> Problem:
     """The vehicle comes out of the dark between two obstacles."""
     centers = jnp.array([[3.0, 1.0], [3.0, -1.0]])
-    obstacles = Obstacles(centers, 0.65)
     numbers = ([4.0, 0.0, 0.0, 0.0], [1.5, 1.0, 0.6, 0.4], [2.0, 2.0, 0.5, 0.3], [0.5, 0.4])
     goal, q, q_T, R = (jnp.array(v) for v in numbers)
-    cost = GoalObstacleCost(goal, q, q_T, R, obstacles, w_obs=8.0, bump_width=0.5)
-    system = LightDark(obstacles, 0.3, 5.0, 0.25, 0.1, "intensity")
-    return Problem(system, cost, jnp.zeros(4), jnp.ones(4), dt=0.1, steps=STEPS)
+    cost = GoalObstacleCost(goal, q, q_T, R, w_obs=8.0, bump_width=0.5)
+    system = LightDark(0.3, 5.0, 0.25, 0.1)
+    return Problem(
+        system,
+        cost,
+        jnp.zeros(4),
+        jnp.ones(4),
+        dt=0.1,
+        steps=STEPS,
+        obstacles=Obstacles(centers, 0.65),
+        position=(0, 1),
+        noise_convention="intensity",
+    )
 
 
 def transient_check(key: Array) -> Check:
@@ -125,15 +134,17 @@ def riccati(problem: Problem, mean: np.ndarray) -> tuple[np.ndarray, np.ndarray]
     return np.array(covs), np.array(diffusions)
 
 
-def running(cost: Any, mu: np.ndarray, cov: np.ndarray) -> np.ndarray:
+def running(problem: Any, mu: np.ndarray, cov: np.ndarray) -> np.ndarray:
     """q_RS (N,) of means (4, N): the quadratic by (4), expectation and variance of the bumps as sums over a grid."""
+    cost = problem.cost
     Q, away = np.diag(cost.running_weight), mu - np.asarray(cost.goal)[:, None]
     z = np.stack(np.meshgrid(AXIS, AXIS)).reshape(2, -1)
     weights = np.exp(-np.sum(z**2, axis=0) / 2)
     weights /= weights.sum()
     points = mu[:2, :, None] + (np.linalg.cholesky(cov[:2, :2]) @ z)[:, None]
     squares = [
-        np.sum((points - np.asarray(c)[:, None, None]) ** 2, axis=0) for c in cost.obstacles.centers
+        np.sum((points - np.asarray(c)[:, None, None]) ** 2, axis=0)
+        for c in problem.obstacles.centers
     ]
     bumps = cost.w_obs * sum(np.exp(-square / (2 * cost.bump_width**2)) for square in squares)
     mean = bumps @ weights
@@ -152,7 +163,7 @@ def printed(problem: Problem, start: np.ndarray, L: np.ndarray, eps: np.ndarray)
     M = weighted @ np.linalg.pinv(G @ weighted) @ L[0]
     mu, S = np.repeat(start[:, None], SAMPLES, axis=1), np.zeros(SAMPLES)
     for k in range(STEPS):
-        S += running(cost, mu, covs[k]) * problem.dt
+        S += running(problem, mu, covs[k]) * problem.dt
         mu = mu + A @ mu * problem.dt + L[k] @ eps[k]
     Q_T, away = np.diag(cost.terminal_weight), mu - np.asarray(cost.goal)[:, None]
     S += (np.sum(away * (Q_T @ away), axis=0) + np.trace(Q_T @ covs[-1])) / 2

@@ -13,7 +13,6 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from ..costs import GoalObstacleCost
-from ..obstacles import Obstacles
 from ..planning import path_integral as pi
 from ..problem import Problem
 from ..results.certificate import Check
@@ -37,14 +36,22 @@ def underactuated(steps: int = STEPS[0]) -> tuple[Problem, np.ndarray, float]:
     C = np.sqrt(strength) * np.linalg.solve(cov, G).T
     channel = np.linalg.cholesky(strength * G @ G.T - A @ cov - cov @ A.T)
     measured, noise = jnp.asarray(C), jnp.asarray(channel)
-    system = Linear(jnp.asarray(A), jnp.asarray(G), measured, noise, jnp.ones(1), "intensity")
+    system = Linear(jnp.asarray(A), jnp.asarray(G), measured, noise, jnp.ones(1))
     # a goal at rest, so that the distance from it moves as the state does
     goal, q, q_T, R = (
         jnp.array(v) for v in ([0.5, 0.0], [1.0, 0.3], [2.0, 0.5], [temperature / strength])
     )
-    cost = GoalObstacleCost(goal, q, q_T, R, Obstacles(jnp.zeros((0, 2)), 0.0), 0.0, 1.0)
+    cost = GoalObstacleCost(goal, q, q_T, R)
     std = jnp.sqrt(jnp.diag(jnp.asarray(cov)))
-    problem = Problem(system, cost, jnp.zeros(2), std, dt=DURATION / steps, steps=steps)
+    problem = Problem(
+        system,
+        cost,
+        jnp.zeros(2),
+        std,
+        dt=DURATION / steps,
+        steps=steps,
+        noise_convention="intensity",
+    )
     return problem, cov, temperature
 
 

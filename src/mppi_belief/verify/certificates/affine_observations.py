@@ -24,8 +24,7 @@ from ...costs import GoalObstacleCost
 from ...discretise import measurement_cov
 from ...matching.affine import outside_mean_tangent
 from ...numerics.quadrature import gaussian_nodes
-from ...obstacles import Obstacles
-from ...problem import Belief, Problem, System
+from ...problem import Belief, Problem
 from ...results.certificate import Certificate, Check, Line, Panel
 from ...systems import LightDark
 from ..bands import EPSILON, at_least, rounding
@@ -99,18 +98,23 @@ def bearing(x: Array) -> Array:
     return jnp.array([jnp.sqrt(x @ x), jnp.arctan2(x[1], x[0])])
 
 
-def light_dark(convention: str) -> LightDark:
-    """The system of Sec. VII without its obstacles."""
-    return LightDark(Obstacles(jnp.zeros((0, 2)), 0), 0.3, 5.0, SLOPE, 0.1, convention)
+def light_dark(convention: str, dt: float = 0.1) -> Problem:
+    """Return the problem of Sec. VII without its obstacles, for one step."""
+    system = LightDark(0.3, 5.0, SLOPE, 0.1)
+    cost = GoalObstacleCost(jnp.zeros(4), jnp.ones(4), jnp.ones(4), jnp.ones(2))
+    return Problem(
+        system, cost, jnp.zeros(4), jnp.ones(4), dt, steps=1, noise_convention=convention
+    )
 
 
-def information(system: System, x: Array, dt: float) -> tuple[Array, Array]:
+def information(problem: Problem, x: Array) -> tuple[Array, Array]:
     """Fisher information about x (nx, nx) in one y ~ N(c(x), R(x)): from its mean, and from its noise level,
 
     C' R^-1 C   and   1/2 tr(R^-1 dR_i R^-1 dR_j).
     """
-    R, dR = measurement_cov(system, x, dt), jax.jacfwd(lambda x: measurement_cov(system, x, dt))(x)
-    C = jax.jacfwd(system.c)(x)
+    R = measurement_cov(problem, x)
+    dR = jax.jacfwd(lambda x: measurement_cov(problem, x))(x)
+    C = jax.jacfwd(problem.system.c)(x)
     scaled = jnp.einsum("ab,bci->aci", jnp.linalg.inv(R), dR)
     return C.T @ jnp.linalg.solve(R, C), 0.5 * jnp.einsum("abi,baj->ij", scaled, scaled)
 
@@ -147,7 +151,7 @@ def _affine(rng: np.random.Generator) -> list[Check]:
     for nx, ny, per_axis in SHAPES:
         A, b = rng.normal(size=(ny, nx)), rng.normal(size=ny)
         cases.append((partial(_line, A, b), A, b, per_axis))
-    cases.append((light_dark("sample").c, np.eye(2, 4), np.zeros(2), 5))
+    cases.append((light_dark("sample").system.c, np.eye(2, 4), np.zeros(2), 5))
     parts, spreads = [], []
     for c, A, b, per_axis in cases:
         nx = A.shape[1]
@@ -252,23 +256,19 @@ def _nonlinear(rng: np.random.Generator, cubic: Found, sine: Found) -> list[Chec
 
 def _noise_level(rng: np.random.Generator) -> list[Check]:
     """What the state-dependent sigma_o of the light-dark system tells, and that the filter does not use it."""
-    cost = GoalObstacleCost(
-        jnp.zeros(4), jnp.ones(4), jnp.ones(4), jnp.ones(2), Obstacles(jnp.zeros((0, 2)), 0), 0, 1
-    )
-    problem = Problem(light_dark("sample"), cost, jnp.zeros(4), jnp.ones(4), 0.1, 1)
+    problem = light_dark("sample")
     means = np.column_stack([rng.uniform(-1, 8, MEANS), rng.normal(size=(MEANS, 3))])
 
     def sampled(x: Array) -> tuple[tuple[Array, Array], Array]:
         """What a measurement tells, and the covariance (nx, nx) that the filter has after it, from I before."""
-        told = information(problem.system, x, problem.dt)
+        told = information(problem, x)
         return told, correct(problem, Belief(x, jnp.eye(4)), problem.system.c(x)).posterior.cov
 
     told, after = quick_jit(jax.vmap(sampled))(means)
-    intensity = quick_jit(jax.vmap(partial(information, light_dark("intensity"))))
-    ratios = [
-        _ratio(told),
-        *(_ratio(intensity(means, np.full(MEANS, dt))) * dt for dt in (0.1, 1e-3)),
-    ]
+    ratios = [_ratio(told)]
+    for dt in (0.1, 1e-3):
+        continuous = light_dark("intensity", dt)
+        ratios.append(_ratio(quick_jit(jax.vmap(partial(information, continuous)))(means)) * dt)
     gained = np.linalg.inv(after) - np.eye(4) - told[0]
     size = np.linalg.norm(np.eye(4) + told[0], 2, axis=(1, 2))
     # from a unit covariance, the condition number of the inverse is the size of what it gives

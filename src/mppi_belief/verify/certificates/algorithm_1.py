@@ -29,7 +29,6 @@ from ...belief.schedule import gain_schedule
 from ...controllers import LQG, MPPIBelief
 from ...costs import GoalObstacleCost
 from ...filters import EKF
-from ...obstacles import Obstacles
 from ...problem import Belief, Controller, Problem
 from ...results.certificate import Certificate, Check, Line, Panel
 from ...simulate import simulate_trial
@@ -90,10 +89,11 @@ def stationary_problem() -> tuple[Problem, Optimum]:
     F, B = 1 + DRIFT * DT, CONTROL_GAIN * DT
     P = float(solve_discrete_are([[F]], [[B]], [[STATE_WEIGHT * DT]], [[R * DT]])[0, 0])
     hessian = R * DT + B * P * B
-    system = ScalarLinear(DRIFT, CONTROL_GAIN, 1.0, NOISE, NOISE, "intensity")
-    one, none = jnp.ones(1), Obstacles(jnp.zeros((0, 1)), 0.0)
-    cost = GoalObstacleCost(0 * one, STATE_WEIGHT * one, P * one, R * one, none, 0.0, 1.0)
-    problem = Problem(system, cost, one, math.sqrt(steady) * one, DT, STEPS)
+    system = ScalarLinear(DRIFT, CONTROL_GAIN, 1.0, NOISE, NOISE)
+    one = jnp.ones(1)
+    cost = GoalObstacleCost(0 * one, STATE_WEIGHT * one, P * one, R * one)
+    std = math.sqrt(steady) * one
+    problem = Problem(system, cost, one, std, DT, STEPS, noise_convention="intensity")
     return problem, Optimum(P, F * P * B / hessian, hessian)
 
 

@@ -9,6 +9,8 @@ must agree with it; where c is curved, c(x) = x + kappa x^2 / 2, the extended Ka
 * in its variance by O(kappa), as it leaves out what (6b) does to the variance, kappa Sigma^2 R_o^-1 dy~.
 """
 
+from dataclasses import replace
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -61,12 +63,12 @@ def rms_over(deviation: Reals, axis: int | tuple[int, ...]) -> Reals:
 
 def linear(drift: float, duration: float, steps: int) -> Problem:
     """The linear system of this certificate."""
-    return problem_of(ScalarLinear(drift, B, C, SIGMA_W, SIGMA_O, "intensity"), duration, steps)
+    return problem_of(ScalarLinear(drift, B, C, SIGMA_W, SIGMA_O), duration, steps)
 
 
 def curved(curvature: Array | float) -> Problem:
     """The system with a curved measurement."""
-    return problem_of(Curved(curvature, 0.5, 0.3, "intensity"), 1.0, STEPS)
+    return problem_of(Curved(curvature, 0.5, 0.3), 1.0, STEPS)
 
 
 def smooth_record(problem: Problem) -> Reals:
@@ -151,7 +153,7 @@ def channel_check(u: float = 0.7) -> Check:
     """Both channels keep the mass; (6a) moves the mean by A mu + B u, (6b) by the gain K of (8a)."""
     problem = linear(A, 1.0, 1)
     on = kushner.grid(-REACH, REACH, 400)
-    model = kushner.coefficients(problem.system, on, problem.dt)
+    model = kushner.coefficients(problem, on)
     p, c = kushner.gaussian(on, PRIOR_MEAN, PRIOR_STD**2)[:, None], model.c[:, None]
     bands = kushner.generator(on, model, u)
     a, b = kushner.drift_channel(bands, p), kushner.diffusion_channel(on, p, c, model.R_o)
@@ -188,7 +190,7 @@ def step_orders(u: float = 0.8) -> list[Check]:
     drift, diffusion = [], []
     for finer in range(4):
         on, dt = kushner.grid(-REACH, REACH, 100 * 2**finer), 0.032 / 4.0**finer
-        model = kushner.coefficients(curved(0.8).system, on, dt)._replace(
+        model = kushner.coefficients(replace(curved(0.8), dt=dt), on)._replace(
             f=-np.sin(on.x), G=1 + 0.3 * np.cos(on.x)
         )
         p, c = kushner.gaussian(on, PRIOR_MEAN, PRIOR_STD**2)[:, None], model.c[:, None]

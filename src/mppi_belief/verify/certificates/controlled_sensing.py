@@ -28,7 +28,6 @@ from ...costs import GoalObstacleCost
 from ...matching.sensor import matching_sensor
 from ...matching.weights import matched_weight, residual
 from ...numerics.linalg import psd_factor
-from ...obstacles import Obstacles
 from ...planning import path_integral as pi
 from ...problem import Problem
 from ...results.certificate import Certificate, Check, Line, Panel
@@ -76,12 +75,9 @@ def problem(rng: np.random.Generator, nx: int, nu: int) -> Problem:
         "channel": H,
         "sensor_noise": np.full(nu, 0.4),
     }
-    system = Steered(
-        **plant, control_weight=jnp.asarray(R), temperature=TEMPERATURE, selector="matched"
-    )
+    system = Steered(**plant, temperature=TEMPERATURE, selector="matched")
     q, phi = jnp.asarray(rng.uniform(0.5, 1.5, (2, nx)))
-    nothing = Obstacles(jnp.zeros((0, nx)), 0.0)
-    cost = GoalObstacleCost(jnp.zeros(nx), q, phi, jnp.asarray(R), nothing, 0.0, 1.0)
+    cost = GoalObstacleCost(jnp.zeros(nx), q, phi, jnp.asarray(R))
     return Problem(
         system,
         cost,
@@ -89,6 +85,7 @@ def problem(rng: np.random.Generator, nx: int, nu: int) -> Problem:
         jnp.asarray(rng.uniform(0.5, 1.0, nx)),
         DURATION / STEPS,
         STEPS,
+        noise_convention="intensity",
     )
 
 

@@ -28,7 +28,6 @@ from ...belief.schedule import GainSchedule, gain_schedule
 from ...controllers import LQG
 from ...costs import GoalObstacleCost
 from ...filters import EKF
-from ...obstacles import Obstacles
 from ...problem import Belief, Problem, System
 from ...results.certificate import Certificate, Check, Line, Panel
 from ...simulate import simulate_trial
@@ -70,22 +69,20 @@ class Reference(NamedTuple):
 def problem_of(system: System, dt: float, mean: Array, std: Array, nu: int) -> Problem:
     """A system with some quadratic cost, STEPS steps of it."""
     ones = jnp.ones(len(mean))
-    cost = GoalObstacleCost(
-        0 * ones, ones, ones, jnp.ones(nu), Obstacles(jnp.zeros((0, len(mean))), 0), 0, 1
-    )
-    return Problem(system, cost, mean, std, dt, STEPS)
+    cost = GoalObstacleCost(0 * ones, ones, ones, jnp.ones(nu))
+    return Problem(system, cost, mean, std, dt, STEPS, noise_convention="intensity")
 
 
 def linear(dt: float) -> Problem:
     """The linear system."""
     a, b, c, channel, sensor = map(jnp.asarray, (A, B, C, H, SENSOR))
-    system = Linear(a, b, c, channel, sensor, "intensity")
+    system = Linear(a, b, c, channel, sensor)
     return problem_of(system, dt, jnp.zeros(3), jnp.array([0.5, 0.4, 0.3]), 1)
 
 
 def light_dark(dt: float) -> Problem:
     """The light-dark system of Sec. VII, seen better the nearer it is to the light."""
-    system = LightDark(Obstacles(jnp.zeros((0, 2)), 0), 0.3, 5.0, 0.5**0.5, 0.1, "intensity")
+    system = LightDark(0.3, 5.0, 0.5**0.5, 0.1)
     return problem_of(
         system, dt, jnp.array([1.0, 1.0, 0.0, 0.0]), jnp.array([0.2, 0.2, 0.05, 0.05]), 2
     )

@@ -27,8 +27,9 @@ from scipy.stats import ncx2
 from ...belief.cost import risk_sensitive, running_moments
 from ...costs import GoalObstacleCost
 from ...obstacles import Obstacles
-from ...problem import Belief
+from ...problem import Belief, Problem
 from ...results.certificate import Certificate, Check, Line, Panel
+from ...systems import Linear
 from ..bands import EPSILON, at_least, at_most, near, order
 
 # Sec. VII and the calibrated weights of the experiments; positions alone, on which the penalty depends
@@ -128,10 +129,18 @@ class Expansion(NamedTuple):
         return self.exact - self.expanded
 
 
-def goal_cost(centers: Sequence[Sequence[float]] = CENTERS) -> GoalObstacleCost:
-    """The cost of the experiments, of the position alone."""
-    weight, obstacles = jnp.full(2, WEIGHT), Obstacles(jnp.asarray(centers), RADIUS)
-    return GoalObstacleCost(jnp.asarray(GOAL), weight, weight, weight, obstacles, W_OBS, WIDTH)
+def charged(cost: GoalObstacleCost, obstacles: Obstacles | None = None) -> Problem:
+    """Return a problem with this cost whose state, all of it the position, stays where it is."""
+    nx = len(cost.goal)
+    system = Linear(jnp.zeros((nx, nx)), jnp.eye(nx), jnp.eye(nx), jnp.zeros((nx, 1)), jnp.ones(nx))
+    return Problem(system, cost, jnp.zeros(nx), jnp.ones(nx), dt=1.0, steps=1, obstacles=obstacles)
+
+
+def goal_problem(centers: Sequence[Sequence[float]] = CENTERS) -> Problem:
+    """Return a problem with the cost of the experiments, of the position alone."""
+    weight = jnp.full(2, WEIGHT)
+    cost = GoalObstacleCost(jnp.asarray(GOAL), weight, weight, weight, W_OBS, WIDTH)
+    return charged(cost, Obstacles(jnp.asarray(centers), RADIUS))
 
 
 def beside() -> Belief:
@@ -140,33 +149,33 @@ def beside() -> Belief:
 
 
 @jax.jit
-def _values(cost: GoalObstacleCost, points: Array) -> tuple[Array, Array]:
-    return jax.vmap(cost.base)(points), jax.vmap(cost.penalty)(points)
+def _values(problem: Problem, points: Array) -> tuple[Array, Array]:
+    return jax.vmap(problem.cost.base)(points), jax.vmap(problem.penalty)(points)
 
 
-def plane(cost: GoalObstacleCost, belief: Belief, risk: str, step: float) -> Plane:
+def plane(problem: Problem, belief: Belief, risk: str, step: float) -> Plane:
     """The law of the penalty (`risk` "penalty") or of the whole running cost ("total") of a position."""
     z = step * np.arange(-round(REACH / step), round(REACH / step) + 1)
     whitened = np.stack(np.meshgrid(z, z, indexing="ij"), axis=-1)
     points = np.asarray(belief.mean) + whitened.reshape(-1, 2) @ np.linalg.cholesky(belief.cov).T
     base, penalty = (
-        np.asarray(v).reshape(len(z), len(z)) for v in _values(cost, jnp.asarray(points))
+        np.asarray(v).reshape(len(z), len(z)) for v in _values(problem, jnp.asarray(points))
     )
     density = step / math.sqrt(2 * math.pi) * np.exp(-(z**2) / 2)
     return Plane(penalty if risk == "penalty" else base + penalty, np.outer(density, density))
 
 
 @partial(jax.jit, static_argnames="risk")
-def _risks(cost: GoalObstacleCost, belief: Belief, risk: str, thetas: Array) -> Array:
+def _risks(problem: Problem, belief: Belief, risk: str, thetas: Array) -> Array:
     """The package's q_RS (T,), of the penalty alone where `risk` is "penalty"."""
-    values = jax.vmap(lambda theta: risk_sensitive(cost, *belief, theta, risk))(thetas)
-    return values - running_moments(cost, *belief).base if risk == "penalty" else values
+    values = jax.vmap(lambda theta: risk_sensitive(problem, *belief, theta, risk))(thetas)
+    return values - running_moments(problem, *belief).base if risk == "penalty" else values
 
 
 def expansion(
     name: str,
     law: Plane | Quadratic,
-    cost: GoalObstacleCost,
+    problem: Problem,
     belief: Belief,
     risk: str,
     thetas: np.ndarray,
@@ -174,7 +183,7 @@ def expansion(
     """The package's q_RS beside the exact risk at thetas (T,)."""
     exact = np.array([law.entropic_risk(theta) for theta in thetas])
     return Expansion(
-        name, law, thetas, np.asarray(_risks(cost, belief, risk, jnp.asarray(thetas))), exact
+        name, law, thetas, np.asarray(_risks(problem, belief, risk, jnp.asarray(thetas))), exact
     )
 
 
@@ -182,11 +191,11 @@ def quadratic_expansion(rng: np.random.Generator) -> Expansion:
     """A quadratic in three dimensions, all drawn."""
     factors, mean, goal = rng.normal(size=(2, 3, 3)), rng.normal(size=3), rng.normal(size=3)
     W, cov = (0.2 * np.eye(3) + F @ F.T / 3 for F in factors)
-    weight, none = jnp.asarray(W), Obstacles(jnp.zeros((0, 3)), 0.0)
-    cost = GoalObstacleCost(jnp.asarray(goal), weight, weight, jnp.ones(1), none, 0.0, 1.0)
+    weight = jnp.asarray(W)
+    problem = charged(GoalObstacleCost(jnp.asarray(goal), weight, weight, jnp.ones(1)))
     law = Quadratic(cov @ W, mean - goal, W @ (mean - goal))
     belief = Belief(jnp.asarray(mean), jnp.asarray(cov))
-    return expansion("quadratic", law, cost, belief, "total", 0.1 * law.pole * HALVED)
+    return expansion("quadratic", law, problem, belief, "total", 0.1 * law.pole * HALVED)
 
 
 def bump_expansions(rng: np.random.Generator) -> list[Expansion]:
@@ -206,7 +215,7 @@ def bump_expansions(rng: np.random.Generator) -> list[Expansion]:
         axes = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
         mean = np.array(CENTERS[0]) + distance * np.array([np.cos(way), np.sin(way)])
         cost, belief = (
-            goal_cost(centers),
+            goal_problem(centers),
             Belief(jnp.asarray(mean), jnp.asarray(axes @ np.diag(std**2) @ axes.T)),
         )
         law = plane(cost, belief, risk, COARSE)
@@ -219,8 +228,10 @@ def certify(seed: int = 0) -> Certificate:
     """Order and coefficient of what q_RS leaves out, and how far the expansion reaches for the experiments' penalty."""
     rng = np.random.default_rng(seed)
     quadratic, bumps = quadratic_expansion(rng), bump_expansions(rng)
-    law = plane(goal_cost(), beside(), "penalty", FINE)
-    penalty = expansion("penalty", law, goal_cost(), beside(), "penalty", np.append(THETAS, THETA))
+    law = plane(goal_problem(), beside(), "penalty", FINE)
+    penalty = expansion(
+        "penalty", law, goal_problem(), beside(), "penalty", np.append(THETAS, THETA)
+    )
     checks = [
         _order(quadratic),
         _coefficient(quadratic),
@@ -273,7 +284,7 @@ def _tightest(checks: Sequence[Check]) -> Check:
 
 def _reach_checks(penalty: Expansion, law: Plane) -> list[Check]:
     """What q_RS and rho are for the experiments' penalty, the last theta being that of Sec. VII."""
-    top, exact = float(goal_cost().penalty(jnp.asarray(CENTERS[0]))), penalty.exact[:-1]
+    top, exact = float(goal_problem().penalty(jnp.asarray(CENTERS[0]))), penalty.exact[:-1]
     (expected, variance, _), (mean, again, _) = law.cumulants(), law.coarser().cumulants()
     limit, apart = 2 * (top - expected) / variance, 2 * (top - mean) / again
     passed = brentq(lambda theta: _expanded(theta) - top, 0, THETA, xtol=EPSILON, rtol=8 * EPSILON)
@@ -322,7 +333,7 @@ def _reach_checks(penalty: Expansion, law: Plane) -> list[Check]:
 
 def _expanded(theta: float) -> float:
     """q_RS of the penalty beside the obstacle."""
-    return float(_risks(goal_cost(), beside(), "penalty", jnp.full(1, theta))[0])
+    return float(_risks(goal_problem(), beside(), "penalty", jnp.full(1, theta))[0])
 
 
 def _crossings(law: Plane, exact: np.ndarray, expected: float, slope: float) -> list[float]:

@@ -26,7 +26,7 @@ from ...obstacles import Obstacles
 from ...planning import path_integral as pi
 from ...problem import Problem
 from ...results.certificate import Certificate, Check, Line, Panel
-from ...structs import choice, number, struct
+from ...structs import number, struct
 from ..bands import at_least, order, quantile, within_errors
 from ..compilation import quick_jit
 from ..estimates import rms
@@ -55,7 +55,6 @@ class Lit:
     floor: float = number(gt=0)
     slope: float = number(ge=0)
     light: float = number()
-    noise_convention: str = choice("intensity", "sample")
 
     @property
     def H(self) -> Array:
@@ -73,12 +72,6 @@ class Lit:
     def sigma_o(self, x: Array) -> Array:
         return jnp.reshape(self.floor + self.slope * (x[0] - self.light) ** 2, (1, 1))
 
-    def position(self, x: Array) -> Array:
-        return x
-
-    def clearance(self, x: Array) -> Array:
-        return jnp.asarray(jnp.inf)
-
 
 class Sampled(NamedTuple):
     """Psi and the first control from paths, with standard errors; V with the covariance shared, less V."""
@@ -90,16 +83,23 @@ class Sampled(NamedTuple):
     shared: float
 
 
-LIT = Lit(0.4, 0.5, 0.4, 1.5, "intensity")
+LIT = Lit(0.4, 0.5, 0.4, 1.5)
 
 
 def problem_of(steps: int) -> Problem:
     """The scalar problem in so many steps."""
     one = jnp.ones(1)
-    cost = GoalObstacleCost(
-        0 * one, one, 2 * one, one, Obstacles(0.8 * jnp.ones((1, 1)), 0), 1.5, 0.5
+    cost = GoalObstacleCost(0 * one, one, 2 * one, one, w_obs=1.5, bump_width=0.5)
+    return Problem(
+        LIT,
+        cost,
+        0 * one,
+        one,
+        DURATION / steps,
+        steps,
+        obstacles=Obstacles(0.8 * jnp.ones((1, 1)), 0),
+        noise_convention="intensity",
     )
-    return Problem(LIT, cost, 0 * one, one, DURATION / steps, steps)
 
 
 def certify(seed: int = 0) -> Certificate:
@@ -155,9 +155,7 @@ def _at(
 def recursion(problem: Problem) -> list[RectBivariateSpline]:
     """log Psi over (mu, log Sigma) at steps 1..H of the discrete problem, `charge: end`."""
     mu, variance = np.meshgrid(MEANS, VARIANCES, indexing="ij")
-    terminal = quick_jit(
-        jax.vmap(lambda m, s: expected_terminal(problem.cost, m[None], s[None, None]))
-    )
+    terminal = quick_jit(jax.vmap(lambda m, s: expected_terminal(problem, m[None], s[None, None])))
     log_psi = -np.asarray(terminal(mu.ravel(), variance.ravel())) / TEMPERATURE
     values = [_spline(log_psi)]
     for _ in range(problem.steps - 1):
@@ -211,7 +209,7 @@ def running(problem: Problem, mean: np.ndarray, variance: np.ndarray) -> np.ndar
 
 @quick_jit
 def _running(problem: Problem, mean: Array, variance: Array) -> Array:
-    return jax.vmap(lambda m, s: risk_sensitive(problem.cost, m[None], s[None, None], THETA))(
+    return jax.vmap(lambda m, s: risk_sensitive(problem, m[None], s[None, None], THETA))(
         mean, variance
     )
 
@@ -254,8 +252,8 @@ def _paths(problem: Problem, mean: Array, root: Array, key: Array) -> tuple[Arra
     covs = gain_schedule(problem, RootBelief(mean, root), jnp.zeros((problem.steps, 1))).cov
     shared = pi.path_costs(
         problem, mean, means, covs, "end",
-        lambda mu, cov: risk_sensitive(problem.cost, mu, cov, THETA),
-        lambda mu, cov: expected_terminal(problem.cost, mu, cov),
+        lambda mu, cov: risk_sensitive(problem, mu, cov, THETA),
+        lambda mu, cov: expected_terminal(problem, mu, cov),
     )  # fmt: skip
     return increments[0, 0], costs, shared
 

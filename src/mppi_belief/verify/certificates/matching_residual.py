@@ -26,7 +26,6 @@ from ...belief.prior import prior
 from ...belief.schedule import gain_schedule
 from ...costs import GoalObstacleCost
 from ...matching.weights import ConstantWeight, best_constant_weight, best_weight, residual
-from ...obstacles import Obstacles
 from ...problem import Problem
 from ...results.certificate import Certificate, Check, Line, Panel
 from ...systems import LightDark
@@ -63,10 +62,10 @@ def problem(
     convention: str, mean: tuple[float, ...], noise_floor: Array | float, steps: int, dt: float
 ) -> Problem:
     """The vehicle of Sec. VII, without obstacles, from `mean`."""
-    nothing = Obstacles(jnp.zeros((0, 2)), 0.0)
-    system = LightDark(nothing, SIGMA_W, LIGHT, 0.5**0.5, noise_floor, convention)  # type: ignore[arg-type]
-    cost = GoalObstacleCost(jnp.zeros(4), jnp.ones(4), jnp.ones(4), jnp.ones(2), nothing, 0, 1)
-    return Problem(system, cost, jnp.asarray(mean), jnp.array([0.25, 0.25, 0.05, 0.05]), dt, steps)
+    system = LightDark(SIGMA_W, LIGHT, 0.5**0.5, noise_floor)  # type: ignore[arg-type]
+    cost = GoalObstacleCost(jnp.zeros(4), jnp.ones(4), jnp.ones(4), jnp.ones(2))
+    std = jnp.array([0.25, 0.25, 0.05, 0.05])
+    return Problem(system, cost, jnp.asarray(mean), std, dt, steps, noise_convention=convention)
 
 
 def at_rest(sigma_o: np.ndarray, convention: str) -> np.ndarray:
