@@ -159,7 +159,7 @@ def test_parts_that_fit_pass_the_check():
         ("G complex", r"system\.G returns complex64, must return floating-point"),
         ("c list", r"system\.c returns a list, must return one array"),
         ("f none", r"system\.f returns a NoneType, must return one array"),
-        ("c word", r"system\.c returns a str, must return one array"),
+        ("c word", r"system\.c fails for a state of shape \(2,\): .*str"),
         ("c empty", r"system\.c is empty"),
         *(
             (f"{name} nan", rf"system\.{name}\b.* is not finite at the state \[1\.0, 1\.0\]: .*nan")
@@ -196,15 +196,16 @@ def test_a_cost_that_returns_what_it_should_not_is_named(wrong, reason):
 
 def test_what_a_system_may_do_without_is_allowed():
     check(users(system={"wrong": "H", "how": "zero"}))  # no process noise
-    check(users(problem=foggy("inf")))  # no obstacles
+    check(foggy("inf"))  # no obstacles
     check(users() | {"cost": {"_target_": "user_parts.Price"}})
     config = users()
     check(config | {"problem": config["problem"] | {"prior_std": [0, 0]}})
 
 
 def foggy(how: str = "nothing") -> dict[str, Any]:
-    """A problem's obstacles of the user's own, spoilt in the way of `how`."""
-    return {"obstacles": {"_target_": "user_parts.Fog", "how": how}}
+    """A configuration with obstacles of the user's own, spoilt in the way of `how`."""
+    obstacles = {"_target_": "user_parts.Fog", "how": how}
+    return users(problem={"obstacles": obstacles}) | {"cost": {"_target_": "user_parts.Price"}}
 
 
 @pytest.mark.parametrize(
@@ -212,16 +213,16 @@ def foggy(how: str = "nothing") -> dict[str, Any]:
     [
         ("shape", r"has shape \(1,\), must be \(\)"),
         ("bool", r"returns bool, must return floating-point"),
-        ("word", r"returns a str, must return one array"),
+        ("word", r"fails for a state of shape \(2,\): .*str"),
         ("raises", r"fails for a state of shape \(2,\): clearance is not feeling well"),
         ("nan", r"is not finite at the state \[1\.0, 1\.0\]: nan"),
         ("-inf", r"is not finite at the state \[1\.0, 1\.0\]: -inf"),
     ],
 )
 def test_obstacles_that_return_what_they_should_not_are_named(how, reason):
-    check(users(problem=foggy()))
+    check(foggy())
     with pytest.raises(ConfigError, match=rf"^problem\.obstacles\.clearance {reason}") as caught:
-        check(users(problem=foggy(how)))
+        check(foggy(how))
     assert len(str(caught.value).splitlines()) == 1
 
 

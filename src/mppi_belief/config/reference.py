@@ -20,7 +20,7 @@ GLOBAL_PACKAGE = "# @package _global_"  # first line of a file whose keys are th
 def reference(group: str, option: str) -> dict[str, Any]:
     """Returns the content of conf/GROUP/OPTION.yaml as plain Python values.
 
-    References to other settings, such as `${w_obs}` or `${system.obstacles}`, are replaced by the values that
+    References to other settings, such as `${w_obs}` or `${cost.control_weight}`, are replaced by the values that
     conf/config.yaml and its default options give them. Raises FileNotFoundError if there is no such file.
     """
     options = _default_options() | {group: option}
