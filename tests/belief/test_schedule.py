@@ -9,15 +9,17 @@ import mppi_belief as mb
 import reference
 from helpers import Scalar, light_dark_problem, quick_jit, random_spd
 from mppi_belief.belief import kalman as belief
+from mppi_belief.belief import riccati
+from mppi_belief.belief import schedule as schedules
 from mppi_belief.belief.prior import prior
 from mppi_belief.discretise import measurement_cov, measurement_intensity
 
 SHAPES = [(1, 1), (2, 1), (4, 2)]
 STEPS = 20
 INTENSITY = {"noise_convention": "intensity"}
-riccati_step = quick_jit(belief.riccati_step)
-riccati_rate = quick_jit(belief.riccati_rate)
-gain_schedule = quick_jit(belief.gain_schedule, static_argnames="method")
+riccati_step = quick_jit(riccati.riccati_step)
+riccati_rate = quick_jit(riccati.riccati_rate)
+gain_schedule = quick_jit(schedules.gain_schedule, static_argnames="method")
 
 
 def random_system(rng: np.random.Generator, n: int, p: int, stable: bool) -> tuple[np.ndarray, ...]:
@@ -182,7 +184,7 @@ def test_diffusion_factors_have_as_many_columns_as_there_are_measurements(
     problem = light_dark_problem()
     controls = jnp.asarray(rng.normal(size=(STEPS, 2)) + np.array([3, 0]))
     found = gain_schedule(problem, prior(problem), controls, method=method)
-    L, ranks = quick_jit(belief.diffusion_factors)(found)
+    L, ranks = quick_jit(schedules.diffusion_factors)(found)
     for factor, D in zip(L, found.diffusion, strict=True):
         np.testing.assert_allclose(factor @ factor.T, D, atol=40 * eps * np.abs(D).max())
     np.testing.assert_array_equal(ranks, 2)

@@ -10,12 +10,14 @@ from hypothesis import strategies as st
 import reference
 from certificate_helpers import assert_holds
 from helpers import float64, quick_jit, random_spd
-from mppi_belief.belief import kalman as belief
+from mppi_belief.belief import riccati
+from mppi_belief.belief import schedule as schedules
+from mppi_belief.belief.schedule import gain_schedule
 from mppi_belief.results.certificate import Certificate
 from mppi_belief.systems import LightDark
 from mppi_belief.verify.certificates import deterministic_covariance as covariance
 
-gain_schedule, riccati_step = belief.gain_schedule, quick_jit(belief.riccati_step)
+riccati_step = quick_jit(riccati.riccati_step)
 schedule = quick_jit(gain_schedule, static_argnames="method")
 
 
@@ -66,8 +68,8 @@ def test_the_diffusion_of_the_measurement_noise_alone_is_seen(monkeypatch, quick
         mean, root, K, _ = filter_step(problem, mean, root, u)
         return mean, root, K, K @ (covariance.R_O / problem.dt) @ K.T / problem.dt
 
-    filter_step = belief.filter_step
-    monkeypatch.setattr(belief, "filter_step", wrong)
+    filter_step = schedules.filter_step
+    monkeypatch.setattr(schedules, "filter_step", wrong)
     assert [check.holds for check in covariance.transient(gain_schedule)] == [False, True]
 
 
@@ -80,8 +82,8 @@ def test_a_riccati_schedule_that_is_a_step_late_is_seen(part, monkeypatch, quick
         found[part] = riccati_schedule_step(problem, *found[:2], u)[part]
         return tuple(found)
 
-    riccati_schedule_step = belief._riccati_schedule_step
-    monkeypatch.setattr(belief, "_riccati_schedule_step", wrong)
+    riccati_schedule_step = schedules._riccati_schedule_step
+    monkeypatch.setattr(schedules, "_riccati_schedule_step", wrong)
     assert [check.holds for check in covariance.transient(gain_schedule)] == [True, False]
 
 
