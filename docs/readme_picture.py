@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from mppi_belief.cli.main import collect
-from mppi_belief.cli.overview import as_run
+from mppi_belief.cli.overview import overview_panel
 from mppi_belief.config.cell import Cell
 from mppi_belief.report import figures
 from mppi_belief.report.cell_results import read_cell_results
@@ -17,7 +17,7 @@ def main() -> None:
     cells = []
     for config in collect(["experiment=table_1", "controller=belief,ce"]):
         results = read_cell_results(Cell(config), Path(config["results_dir"]), config["n_trials"])
-        run = as_run(results)
+        run = overview_panel(results)
         if run is None:
             raise SystemExit("no results: mppi-belief run experiment=table_1 controller=belief,ce")
         rate = 100 * results.collided.mean()

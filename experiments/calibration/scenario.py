@@ -8,7 +8,7 @@ import numpy as np
 
 from mppi_belief.cli.main import collect
 from mppi_belief.report import published
-from mppi_belief.report.agreement import mean_z, proportion_z, spread_z
+from mppi_belief.report.statistics import mean_z, proportion_z, spread_z
 
 METHODS = tuple(published.TABLE_1)
 SEED = 1  # the studies use seed 0: what is fitted to noise here does not help there
@@ -190,11 +190,11 @@ def measure(rows: Sequence[dict[str, Any]]) -> Measured:
 
 
 def deviations(
-    method: str, measured: Measured, n: int = published.TRIALS
+    method: str, measured: Measured, n: int = published.PAPER_TRIALS
 ) -> tuple[float, float, float]:
     """Returns z of cost, spread and collision rate against Table I, as if measured on n trials."""
     row = published.TABLE_1[method]
-    m = published.TRIALS
+    m = published.PAPER_TRIALS
     return (
         mean_z(measured.cost, measured.spread, n, row.cost, row.spread, m),
         spread_z(measured.spread, n, row.spread, m),

@@ -283,7 +283,7 @@ def test_a_users_own_controller_runs_from_a_yaml_and_a_module_beside_it(tmp_path
     ]
     said = command(away, *args)
     assert said.code == 0, said.err
-    assert "3 trials run, 0 found done" in said.out
+    assert "3 trials run, 0 already done" in said.out
     assert re.search(r"^\s*proportional\b", said.out, re.MULTILINE)
     assert (files_in(away), files_in(away / "outputs")) == (["outputs"], ["results"])
     (cell,) = (away / "outputs" / "results").iterdir()

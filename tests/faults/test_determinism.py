@@ -47,7 +47,7 @@ def test_trials_that_are_lost_anywhere_are_the_same_the_second_time(tmp_path, un
     lost = 4 * N_TRIALS - len(run.done())
     said = run.again()
     assert lost > 0
-    assert f"{lost} trials run, {4 * N_TRIALS - lost} found done" in said.out
+    assert f"{lost} trials run, {4 * N_TRIALS - lost} already done" in said.out
     assert run.hashes() == undisturbed.hashes
 
 

@@ -39,7 +39,7 @@ def test_truncated_empty_and_foreign_files_cost_their_own_trials_only(run, undis
     (cell / "part-000000-000009-text.parquet").write_text("not parquet at all\n")
     said = run.again()
     assert said.code == 0, said.err
-    assert f"{lost} trials run, {4 * N_TRIALS - lost} found done" in said.out
+    assert f"{lost} trials run, {4 * N_TRIALS - lost} already done" in said.out
     for name in (truncated.name, "empty", "foreign", "text"):
         (line,) = {line for line in said.err.splitlines() if name in line}
         assert line.startswith(f"{cell.relative_to(run.folder)}/part-")
@@ -59,7 +59,7 @@ def test_files_of_another_format_are_named_and_left_out(run, undisturbed):
         restate(path, table, {**metadata, "format": results.FORMAT_VERSION + 1})
     said = run.again()
     assert said.code == 0, said.err
-    assert f"{refused} trials run, {4 * N_TRIALS - refused} found done" in said.out
+    assert f"{refused} trials run, {4 * N_TRIALS - refused} already done" in said.out
     assert f"its format is {results.FORMAT_VERSION + 1}, must be" in said.err
     hashes = {cell.name: results.result_hash(read_rows(cell)) for cell in run.root.iterdir()}
     assert hashes == undisturbed.hashes

@@ -27,7 +27,7 @@ def test_no_worker_outlives_its_parent_and_the_same_command_goes_on(tmp_path, un
     assert 0 < found < 4 * N_TRIALS
     said = run.again()
     assert (said.code, said.err) == (0, "")
-    assert f"{4 * N_TRIALS - found} trials run, {found} found done" in said.out
+    assert f"{4 * N_TRIALS - found} trials run, {found} already done" in said.out
     assert run.hashes() == undisturbed.hashes
 
 

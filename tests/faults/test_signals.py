@@ -105,7 +105,7 @@ def test_signals_while_it_computes_and_the_same_command_again(
     assert 0 < found < 4 * N_TRIALS
     said = run.again()
     assert said.code == 0
-    assert f"{4 * N_TRIALS - found} trials run, {found} found done" in said.out
+    assert f"{4 * N_TRIALS - found} trials run, {found} already done" in said.out
     assert run.hashes() == undisturbed.hashes
 
 

@@ -99,10 +99,10 @@ def test_the_same_command_finds_all_done_and_retry_failed_runs_what_has_no_resul
     before = run.hashes()
     again = run.again()
     assert again.code == 3
-    assert f"0 trials run, {6 * N_TRIALS} found done" in again.out
+    assert f"0 trials run, {6 * N_TRIALS} already done" in again.out
     retried = run.again("--retry-failed")
     count = sum(status in WITHOUT_RESULT for status in STATUS.values())
-    assert f"{count} trials run, {6 * N_TRIALS - count} found done" in retried.out
+    assert f"{count} trials run, {6 * N_TRIALS - count} already done" in retried.out
     assert retried.code == 3
     assert run.hashes() == before
 

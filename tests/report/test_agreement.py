@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from helpers import SIGMAS
-from mppi_belief.report.agreement import mean_z, proportion_z, spread_z
+from mppi_belief.report.statistics import mean_z, proportion_z, spread_z
 
 STUDIES = 3000
 SIZES = st.integers(1, 300)

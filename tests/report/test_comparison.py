@@ -9,8 +9,9 @@ import pytest
 from scipy import stats
 
 from mppi_belief.report.cell_results import CellResults, paired_rows
-from mppi_belief.report.comparison import as_latex, method_differences, table_1
+from mppi_belief.report.comparison import method_differences
 from mppi_belief.report.elements import write_table
+from mppi_belief.report.sections.table_1 import table_1_frame, table_1_latex
 from report_helpers import lost, random_trials, read, rows_on_disk, setting, store, trials
 from study_helpers import row
 
@@ -67,7 +68,7 @@ def clopper_pearson(rows: pd.DataFrame) -> tuple[float, float, float]:
 
 
 def test_the_text_says_what_is_in_the_files(founds, disk):
-    frame = table_1(founds)
+    frame = table_1_frame(founds)
     assert frame["Method"].tolist() == [*PAPER]
     assert frame["Trials"].tolist() == ["198", "170", "197", "200"]
     for (_, line), (method, rows) in zip(frame.iterrows(), disk.items(), strict=True):
@@ -87,7 +88,7 @@ def test_the_text_says_what_is_in_the_files(founds, disk):
 
 
 def test_the_csv_has_the_numbers_in_full(founds, disk, tmp_path):
-    write_table(tmp_path, "table_1", "Table I", table_1(founds), founds)
+    write_table(tmp_path, "table_1", "Table I", table_1_frame(founds), founds)
     written = pd.read_csv(tmp_path / "table_1.csv")
     assert written["controller"].tolist() == [*METHODS]
     for (_, line), rows in zip(written.iterrows(), disk.values(), strict=True):
@@ -112,12 +113,12 @@ def test_the_csv_has_the_numbers_in_full(founds, disk, tmp_path):
 
 
 def test_markdown_has_a_cell_for_every_column(founds, tmp_path):
-    write_table(tmp_path, "table_1", "Table I", table_1(founds), founds)
+    write_table(tmp_path, "table_1", "Table I", table_1_frame(founds), founds)
     head, rule, *lines = (tmp_path / "table_1.md").read_text().splitlines()
-    assert [cell.strip() for cell in head.strip("|").split("|")] == [*table_1(founds).columns]
+    assert [cell.strip() for cell in head.strip("|").split("|")] == [*table_1_frame(founds).columns]
     assert set(rule) == set("| -")
     cells = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
-    assert cells == table_1(founds).to_numpy().tolist()
+    assert cells == table_1_frame(founds).to_numpy().tolist()
 
 
 def body_of(latex: str) -> list[list[str]]:
@@ -130,7 +131,7 @@ def body_of(latex: str) -> list[list[str]]:
 
 
 def test_latex_says_what_is_in_the_files(founds, disk):
-    lines = body_of(as_latex(founds))
+    lines = body_of(table_1_latex(founds))
     assert [cells[0] for cells in lines] == [*PAPER]
     for cells, (method, rows) in zip(lines, disk.items(), strict=True):
         assert len(cells) == 7
@@ -172,14 +173,14 @@ def assert_sound(latex: str) -> None:
 
 
 def test_latex_is_sound(founds):
-    assert_sound(as_latex(founds))
-    assert_sound(as_latex(read(Path("nowhere"), setting("ce"))))
+    assert_sound(table_1_latex(founds))
+    assert_sound(table_1_latex(read(Path("nowhere"), setting("ce"))))
 
 
 def test_latex_is_sound_for_a_method_of_a_users_own(tmp_path):
     cell = setting("my_controller")
     store(tmp_path, cell, trials(5))
-    assert_sound(as_latex(read(tmp_path, cell)))
+    assert_sound(table_1_latex(read(tmp_path, cell)))
 
 
 def test_methods_are_compared_over_the_good_trials_that_both_have(founds, disk):
@@ -240,9 +241,9 @@ def test_a_table_of_nothing_and_of_failures_can_be_written(tmp_path):
     empty, broken = setting("belief"), setting("ce")
     store(tmp_path, broken, [lost(0), lost(1)])
     founds = read(tmp_path, empty, broken)
-    frame = table_1(founds)
+    frame = table_1_frame(founds)
     assert frame["Trials"].tolist() == ["0", "0"]
     assert set(frame[["Cost", "Collision %", "Time ms (p95)"]].to_numpy().ravel()) == {"-"}
-    assert [cells[1:4] for cells in body_of(as_latex(founds))] == [["--"] * 3] * 2
+    assert [cells[1:4] for cells in body_of(table_1_latex(founds))] == [["--"] * 3] * 2
     write_table(tmp_path, "table_1", "Table I", frame, founds)
     assert pd.read_csv(tmp_path / "table_1.csv")["failed"].tolist() == [0, 2]

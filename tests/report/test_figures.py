@@ -175,13 +175,13 @@ def settings_stay() -> Iterator[None]:
 
 
 def test_every_method_has_its_own_colour_marker_and_line():
-    assert set(style.LOOKS) == set(METHOD_NAMES)
-    looks = [*style.LOOKS.values(), figures.method_look("mine")]
+    assert set(style.METHOD_LOOKS) == set(METHOD_NAMES)
+    looks = [*style.METHOD_LOOKS.values(), figures.method_look("mine")]
     assert len({one.colour for one in looks}) == len({one.marker for one in looks}) == len(looks)
-    assert len({str(one.line) for one in style.LOOKS.values()}) == len(style.LOOKS)
+    assert len({str(one.line) for one in style.METHOD_LOOKS.values()}) == len(style.METHOD_LOOKS)
     assert style.ORANGE not in {one.colour for one in looks}
     assert sorted(["mine", "ilqg", "ce", "pipf", "belief"], key=style.method_order) == [
-        *[*style.LOOKS][:4],
+        *[*style.METHOD_LOOKS][:4],
         "mine",
     ]
 
@@ -194,7 +194,7 @@ def test_text_is_legible_in_a_column():
 
 
 def many(methods: int) -> list[CellResults]:
-    return [found(cell(method), kept=1, hits=0) for method in [*style.LOOKS][:methods]]
+    return [found(cell(method), kept=1, hits=0) for method in [*style.METHOD_LOOKS][:methods]]
 
 
 @pytest.mark.parametrize(
@@ -592,5 +592,5 @@ def test_nothing_recorded_no_animation(given, tmp_path):
 
 
 def test_an_ellipse_has_the_axes_of_its_covariance():
-    (width, height), angle = plane.spread(np.diag([1.0, 4.0]))
+    (width, height), angle = plane.ellipse_shape(np.diag([1.0, 4.0]))
     np.testing.assert_allclose((width, height, abs(angle)), (8, 4, 90))

@@ -11,8 +11,7 @@ from scipy.stats import chi2
 from mppi_belief.config.cell import Cell
 from mppi_belief.report import figures
 from mppi_belief.report.cell_results import CellResults
-from mppi_belief.report.sections import nonlinearity as consistency
-from mppi_belief.report.sections.studies import sections
+from mppi_belief.report.sections import nonlinearity, study_sections
 from mppi_belief.report.statistics import chi_square_band
 from report_helpers import held, setting, spread_out
 from study_helpers import row
@@ -69,12 +68,12 @@ def test_bands_are_those_of_chi_square():
     for freedom in (1, 80, 4800):
         expected = [1.0, *chi2.ppf([0.025, 0.975], freedom) / freedom]
         np.testing.assert_allclose(chi_square_band(freedom), expected, rtol=1e-9)
-    nees, nis = consistency.bands(NX, NY, N, STEPS)
+    nees, nis = nonlinearity.consistency_bands(NX, NY, N, STEPS)
     assert (nees, nis) == (chi_square_band(NX * N), chi_square_band(NY * N * STEPS))
 
 
 def test_every_cell_is_a_point_with_its_residual_and_its_loss(founds):
-    shown = consistency.points(founds)
+    shown = nonlinearity.consistency_points(founds)
     assert [(point.filter, point.curvature) for point in shown] == [
         ("ekf", 0),
         ("ekf", 1),
@@ -88,9 +87,14 @@ def test_every_cell_is_a_point_with_its_residual_and_its_loss(founds):
 
 
 def test_either_statistic_off_its_band_is_inconsistent(founds):
-    assert [point.consistent for point in consistency.points(founds)] == [True, False, False, True]
-    ekf, ukf = consistency.verdicts(consistency.points(founds))
-    assert "consistent not at curvature 1 (NEES 1.60 [1.57, 1.63]), 2 (" in ekf
+    assert [point.consistent for point in nonlinearity.consistency_points(founds)] == [
+        True,
+        False,
+        False,
+        True,
+    ]
+    ekf, ukf = nonlinearity.verdicts(nonlinearity.consistency_points(founds))
+    assert "not consistent at curvature 1 (NEES 1.60 [1.57, 1.63]), 2 (" in ekf
     assert "2.50 [2.50, 2.50] at 1" in ekf
     assert "UKF: consistent at every curvature" in ukf
 
@@ -99,27 +103,27 @@ def test_a_mean_that_a_few_lost_trials_make_is_not_consistent_however_wide_its_i
     """NEES of 2 trials out of 40 a thousand times what it should be."""
     found = cell("ekf", 1.0, 1.0, 1.0)
     found.rows.loc[:1, "nees"] = 4000.0
-    (point,) = consistency.points([oracle(), found])
+    (point,) = nonlinearity.consistency_points([oracle(), found])
     assert point.nees.low < 1
     assert not point.consistent
     assert (point.lost.value, point.lost.high) == pytest.approx((0.05, 0.16920), abs=1e-4)
 
 
 def test_without_an_oracle_or_a_recording_there_is_less_to_say():
-    (point,) = consistency.points([cell("ekf", 1.0, 1.0, 1.0, recorded=False)])
+    (point,) = nonlinearity.consistency_points([cell("ekf", 1.0, 1.0, 1.0, recorded=False)])
     assert math.isnan(point.loss.value)
     assert math.isnan(point.residual)
     assert math.isnan(point.nees.value)
     assert not point.consistent
-    (line,) = consistency.as_frame([point]).to_dict("records")
+    (line,) = nonlinearity.consistency_frame([point]).to_dict("records")
     assert [
         line[name]
-        for name in ("Residual", "NEES/nx [95 %]", "band", "Lost % [95 %]", "Loss [95 %]")
+        for name in ("Residual", "NEES/nx [95 %]", "NEES band", "Lost % [95 %]", "Loss [95 %]")
     ] == ["-"] * 5
 
 
 def test_the_section_has_a_table_for_people_and_one_for_machines(founds, tmp_path):
-    (made,) = sections({"nonlinearity": founds}, tmp_path)
+    (made,) = study_sections({"nonlinearity": founds}, tmp_path)
     assert made.title.startswith("Consistency")
     assert list(made.tables[0].frame["Filter"]) == ["EKF", "EKF", "EKF", "UKF"]
     numbers = pd.read_csv(tmp_path / "consistency.csv")
@@ -129,7 +133,7 @@ def test_the_section_has_a_table_for_people_and_one_for_machines(founds, tmp_pat
 
 
 def test_the_figure_shows_the_points(founds):
-    shown = consistency.points(founds)
+    shown = nonlinearity.consistency_points(founds)
     figure = figures.consistency_figure(shown)
     assert isinstance(figure, Figure)
     residual, middle, loss = figure.axes

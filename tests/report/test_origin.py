@@ -99,7 +99,7 @@ def test_uncommitted_changes_are_told():
 
 def test_fewer_trials_than_the_papers_are_told():
     (line,) = trial_warnings([held(setting(), trials(50), 50, [source()])])
-    assert line.startswith("50 trials a cell are fewer than the paper's 200")
+    assert line.startswith("50 trials per cell are fewer than the paper's 200")
     assert trial_warnings([held(setting(), trials(250), 250, [source()])]) == []
 
 
@@ -107,7 +107,7 @@ def test_missing_trials_are_counted_and_failed_ones_too():
     behind = held(setting("ce"), trials(180), 200, [source()])
     none = held(setting("pipf"), [], 200)
     (line,) = trial_warnings([complete(), behind, none])
-    assert line.startswith("2 of 3 cells are incomplete: 220 trials missing")
+    assert line.startswith("2 of 3 cells are incomplete: 220 trials are missing")
     broken = [*trials(197), *(lost(trial) for trial in range(197, 200))]
     (line,) = trial_warnings([complete(), held(setting("ce"), broken, 200, [source()])])
     assert line.startswith("3 trials failed")

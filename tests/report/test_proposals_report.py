@@ -4,8 +4,8 @@ import pytest
 
 from mppi_belief.report import figures
 from mppi_belief.report.cell_results import CellResults
-from mppi_belief.report.sections.proposals import saved, twins
-from mppi_belief.report.sections.studies import sections
+from mppi_belief.report.sections import study_sections
+from mppi_belief.report.sections.proposals import proposal_pairs, sample_saving
 from report_helpers import held, setting, trials
 
 
@@ -38,7 +38,7 @@ def study() -> list[CellResults]:
 
 def test_cells_are_compared_that_differ_in_the_proposal_alone():
     cells = study()
-    assert [(cells.index(a), cells.index(b)) for a, b in twins(cells)] == [
+    assert [(cells.index(a), cells.index(b)) for a, b in proposal_pairs(cells)] == [
         (0, 3),
         (1, 4),
         (5, 6),
@@ -47,18 +47,21 @@ def test_cells_are_compared_that_differ_in_the_proposal_alone():
 
 
 def test_the_fewest_samples_are_found_that_cost_no_more():
-    most, fewest, less = saved(study()[:5], "belief")
+    most, fewest, less = sample_saving(study()[:5], "belief")
     assert (most.samples, fewest.samples) == (500, 50)
     assert less.value == pytest.approx(4.0)
-    assert saved(study()[:3], "belief") is None
-    assert saved(study()[2:5], "belief") is None
+    assert sample_saving(study()[:3], "belief") is None
+    assert sample_saving(study()[2:5], "belief") is None
 
 
 def test_the_section_tells_both_and_draws_the_usual_scenario(tmp_path):
-    (section,) = sections({"proposals": study()}, tmp_path)
-    assert "The effective sample size is 12 to 46 times that about the nominal." in section.text[1]
-    assert "MPPI-Belief with 50 samples of it costs 4.00 [" in section.text[1]
-    assert "less than with 500 about the nominal, in 0.50 ms a step for 5.00." in section.text[1]
+    (section,) = study_sections({"proposals": study()}, tmp_path)
+    assert "the effective sample size is 12 to 46 times that about the nominal." in section.text[1]
+    assert "MPPI-Belief with 50 samples from it costs 4.00 [" in section.text[1]
+    assert (
+        "less than with 500 samples about the nominal, in 0.50 ms per step instead of 5.00."
+        in section.text[1]
+    )
     frame = section.tables[0].frame
     assert list(frame["ESS/ms"][:4]) == ["4", "2", "95", "92"]
     assert set(frame["system"]) == {study()[0].cell.config["names"]["system"]}
@@ -71,6 +74,6 @@ def test_the_section_tells_both_and_draws_the_usual_scenario(tmp_path):
 
 def test_without_times_nothing_is_drawn(tmp_path):
     untimed = [one._replace(seconds=[]) for one in study()]
-    (section,) = sections({"proposals": untimed}, tmp_path)
+    (section,) = study_sections({"proposals": untimed}, tmp_path)
     assert section.pictures == []
     assert set(section.tables[0].frame["ESS/ms"]) == {"-"}

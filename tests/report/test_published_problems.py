@@ -12,8 +12,8 @@ from cli_helpers import CONF, collect
 from helpers import quick_jit
 from mppi_belief.belief.gaussian import RootBelief
 from mppi_belief.report.cell_results import CellResults
-from mppi_belief.report.sections.published_problems import lines, seen
-from mppi_belief.report.sections.studies import sections
+from mppi_belief.report.sections import study_sections
+from mppi_belief.report.sections.published_problems import kept_beliefs, problem_frame
 from mppi_belief.trial import Experiment, build
 from report_helpers import SCENE, held, setting, trials
 
@@ -144,10 +144,10 @@ def found(method: str, reaches: list[float], **changed) -> CellResults:
 
 
 def test_what_a_belief_did_is_read_from_the_kept_trials():
-    beliefs = seen(found("ce", [3.9, 4.0, 6.1, 5.5]))
+    beliefs = kept_beliefs(found("ce", [3.9, 4.0, 6.1, 5.5]))
     np.testing.assert_allclose(beliefs.furthest, [3.9, 4.0, 6.1, 5.5])
-    np.testing.assert_array_equal(beliefs.lit, [False, True, False, True])
-    np.testing.assert_allclose(beliefs.spread, 0.3)
+    np.testing.assert_array_equal(beliefs.in_light, [False, True, False, True])
+    np.testing.assert_allclose(beliefs.final_sd, 0.3)
 
 
 @pytest.mark.long
@@ -155,7 +155,7 @@ def test_a_report_tells_both_problems(tmp_path):
     studies = {
         name: [found("belief_joint", [5.0, 4.5]), found("ce", [2.0, 2.5])] for name in PUBLISHED
     }
-    made = sections(studies, tmp_path)
+    made = study_sections(studies, tmp_path)
     assert [section.title.rpartition(" of ")[2] for section in made] == [
         "Platt et al. 2010",
         "van den Berg et al. 2012",
@@ -174,4 +174,4 @@ def test_a_cell_without_kept_trials_has_a_line():
     bare = found("ce", [])._replace(
         paths=pd.DataFrame(columns=["trial", "step", "state", "mean", "cov"])
     )
-    assert lines([bare])["furthest x m"].item() == "-"
+    assert problem_frame([bare])["furthest x m"].item() == "-"

@@ -15,8 +15,14 @@ from mppi_belief.config.cell import Cell
 from mppi_belief.config.compose import grids
 from mppi_belief.report import figures
 from mppi_belief.report.cell_results import CellResults
-from mppi_belief.report.sections.quality_per_time import ABOVE, ENOUGH, advice, collisions, lines
-from mppi_belief.report.sections.studies import sections
+from mppi_belief.report.sections import study_sections
+from mppi_belief.report.sections.quality_per_time import (
+    ABOVE,
+    TOLERANCE,
+    advice,
+    collision_range,
+    quality_frame,
+)
 from mppi_belief.report.statistics import paired_rate_difference
 from mppi_belief.report.summary import interval_text
 from report_helpers import held, lost, setting, spread_out, trials
@@ -108,7 +114,7 @@ def test_a_line_says_time_samples_and_what_they_buy_above_the_best():
     one, two, best = belief()
     pipf = found("pipf", 20, 52.0)
     ilqg = held(cell("ilqg", 1), [*trials(4), lost(9)])
-    table = lines([[one, two, best], [pipf], [ilqg]])
+    table = quality_frame([[one, two, best], [pipf], [ilqg]])
     assert table["method"].tolist() == ["MPPI-Belief"] * 3 + ["PIPF", "EKF-iLQG"]
     assert table["setting"].tolist() == [
         *(f"planner.n_samples={n}" for n in (50, 500, 5000)),
@@ -124,13 +130,13 @@ def test_a_line_says_time_samples_and_what_they_buy_above_the_best():
 def test_costs_are_compared_on_the_trials_that_both_have():
     one = held(cell("belief", 50), [row(t, cost=60.0 + t) for t in range(1, 9)])
     two = held(cell("belief", 500), [lost(3), *(row(t, cost=50.0 + t) for t in range(9) if t != 3)])
-    (text, _) = lines([[one, two]])[ABOVE]
+    (text, _) = quality_frame([[one, two]])[ABOVE]
     assert text == "10.00 [10.00, 10.00]"
 
 
 def told(found: CellResults, value: int) -> str:
     key = KEYS.get(found.method, "planner.n_samples")
-    return rf"`{re.escape(key)}={value}` \(cost {found.good['cost'].mean():.1f} \[[^]]+\], [\d.]+ ms a step\)"
+    return rf"`{re.escape(key)}={value}` \(cost {found.good['cost'].mean():.1f} \[[^]]+\], [\d.]+ ms per step\)"
 
 
 def test_the_quickest_that_is_good_enough_is_named_beside_the_best():
@@ -143,10 +149,12 @@ def test_the_quickest_that_is_good_enough_is_named_beside_the_best():
     assert advice(cells[1:] + cells[:1]) == sentence
 
 
-@pytest.mark.parametrize(("share", "enough"), [(ENOUGH - 1e-3, True), (ENOUGH + 1e-3, False)])
+@pytest.mark.parametrize(("share", "enough"), [(TOLERANCE - 1e-3, True), (TOLERANCE + 1e-3, False)])
 def test_good_enough_is_a_part_of_the_least_cost(share, enough):
     cells = [found("ce", 50, 50.0 * (1 + share), 0.2), found("ce", 500, 50.0, 0.4)]
-    assert ("quickest that is good enough is `planner.n_samples=50`" in advice(cells)) is enough
+    assert (
+        "quickest setting that is good enough is `planner.n_samples=50`" in advice(cells)
+    ) is enough
     assert (
         "no setting quicker than the best is shown to be good enough: `planner.n_samples=500`"
         in advice(cells)
@@ -196,28 +204,31 @@ def test_cells_without_trials_are_in_no_comparison(tmp_path):
         [one._replace(seconds=[]) if one in (empty, bad) else one for one in cells]
     )
     assert "good enough is `planner.n_samples=500`" in advice(cells)
-    assert lines([cells])[ABOVE].tolist() == [
+    assert quality_frame([cells])[ABOVE].tolist() == [
         "-",
         "5.00 [5.00, 5.00]",
         "1.00 [1.00, 1.00]",
         "-",
         "-",
     ]
-    assert lines([[empty, bad]])["trials"].tolist() == ["0", "2 (2 failed)"]
-    assert sections({STUDY: [empty, bad]}, tmp_path) == []
+    assert quality_frame([[empty, bad]])["trials"].tolist() == ["0", "2 (2 failed)"]
+    assert study_sections({STUDY: [empty, bad]}, tmp_path) == []
 
 
 def test_collisions_are_compared_trial_by_trial_from_the_quickest_setting_to_the_slowest():
     slow, quick, between = (
         found("ce", n, 50.0, ms, hits) for n, ms, hits in ((1, 3.0, 2), (2, 0.5, 12), (3, 1.0, 6))
     )
-    sentence = collisions([slow, quick, between])
+    sentence = collision_range([slow, quick, between])
     change, _ = paired_rate_difference(np.arange(N) < 2, np.arange(N) < 12)
     assert re.fullmatch(r"Collisions: 10\.0 to 60\.0 %; from .* by (.*) points", sentence)[
         1
     ] == interval_text(change.times(100), 1)
     assert change.value == -0.5
-    assert collisions([quick, held(cell("ce", 5), [lost(0)])]) == "Collisions: 60.0 [36.1, 80.9] %"
+    assert (
+        collision_range([quick, held(cell("ce", 5), [lost(0)])])
+        == "Collisions: 60.0 [36.1, 80.9] %"
+    )
 
 
 def everything() -> list[CellResults]:
@@ -228,7 +239,7 @@ def everything() -> list[CellResults]:
 
 
 def test_the_section_has_a_sentence_a_method_a_table_and_a_figure(tmp_path):
-    (section,) = sections({STUDY: everything()}, tmp_path)
+    (section,) = study_sections({STUDY: everything()}, tmp_path)
     lead, *said = section.text
     assert "lasts 100 ms" in lead
     assert f"{6.0 * 1.085:.1f} ms" in lead
@@ -246,7 +257,9 @@ def test_the_section_has_a_sentence_a_method_a_table_and_a_figure(tmp_path):
 
 
 def test_without_times_nothing_is_said_of_them(tmp_path):
-    (section,) = sections({STUDY: [one._replace(seconds=[]) for one in everything()]}, tmp_path)
+    (section,) = study_sections(
+        {STUDY: [one._replace(seconds=[]) for one in everything()]}, tmp_path
+    )
     assert not any(re.search(r"\bms\b", text) for text in section.text)
     assert (tmp_path / f"{STUDY}.png").stat().st_size > 5000
 
@@ -316,7 +329,7 @@ def test_one_setting_has_no_name():
     assert [text.get_text() for text in figure.legends[0].get_texts()] == ["CE-MPPI"]
     assert set(named(figure.axes[0])) <= {""}
     assert (
-        advice([found("ce", 500, 50.0, 0.4)]) == "CE-MPPI: cost 50.0 [47.2, 52.8], 0.40 ms a step"
+        advice([found("ce", 500, 50.0, 0.4)]) == "CE-MPPI: cost 50.0 [47.2, 52.8], 0.40 ms per step"
     )
 
 

@@ -172,7 +172,7 @@ LINE = {"dt": 0.1, "start": [2.0], "goal": [0.0], "obstacles": [], "radius": 0.0
 def test_pictures_of_the_plane_and_of_a_line_over_time(scene, nx, shape, tmp_path):
     table = pd.DataFrame(paths(3, nx))
     before = settings()
-    figure = figures.trajectories_figure(table, scene, {1}, "a title")
+    figure = figures.trajectories_figure(figures.PathPanel(table, scene, {1}, "a title"))
     assert figure.axes[0].get_title() == "a title"
     figures.save_png(figure, tmp_path / "picture.png")
     image = imread(tmp_path / "picture.png")
@@ -187,7 +187,8 @@ def legend(figure: Figure) -> list[str]:
 
 
 def test_a_picture_shows_every_path_and_says_which_collide():
-    figure = figures.trajectories_figure(pd.DataFrame(paths(3, 4)), plane([[3, 1]]), {1}, "")
+    panel = figures.PathPanel(pd.DataFrame(paths(3, 4)), plane([[3, 1]]), {1}, "")
+    figure = figures.trajectories_figure(panel)
     axes = figure.axes[0]
     drawn = [line for line in axes.lines if len(line.get_xdata()) == 4]
     assert [line.get_color() for line in drawn] == [figures.BLUE, figures.ORANGE, figures.BLUE]
@@ -198,11 +199,8 @@ def test_a_picture_shows_every_path_and_says_which_collide():
     (low, high), (bottom, top) = axes.get_xlim(), axes.get_ylim()
     assert low < 1 < 7 < high
     assert bottom < 0 < 2.3 < top
-    assert legend(figures.trajectories_figure(pd.DataFrame(paths(3, 4)), plane([]), set(), "")) == [
-        "start",
-        "goal",
-        "3 paths",
-    ]
+    free = panel._replace(scene=plane([]), collided=set())
+    assert legend(figures.trajectories_figure(free)) == ["start", "goal", "3 paths"]
 
 
 def test_pictures_can_be_compared_on_one_scale():
@@ -255,7 +253,7 @@ def test_the_overview_prints_a_table_draws_and_counts_failures(tmp_path, capsys)
     header, first, second, counts, pictures = out.splitlines()
     assert header.split()[:5] == ["controller", "theta", "w_obs", "seed", "trials"]
     assert (first.split()[3:5], second.split()[3:7]) == (["0", "4"], ["1", "2", "(1", "failed)"])
-    assert counts == f"4 trials run, 4 found done; results in {tmp_path}"
+    assert counts == f"4 trials run, 4 already done; results in {tmp_path}"
     assert err == f"{bad.id}: 1 error, e.g. trial 1: oh dear\n"
     assert figures.TRAJECTORIES_PNG in pictures
     assert all(
@@ -279,4 +277,4 @@ def test_a_picture_is_drawn_again_only_when_trials_came(tmp_path, capsys):
 def test_an_overview_of_nothing_is_possible(tmp_path, capsys):
     cell = Cell(config())
     assert show_overview([cell], tmp_path, 5, outcome({cell.id: 0})) == 0
-    assert capsys.readouterr().out == f"0 trials run, 0 found done; results in {tmp_path}\n"
+    assert capsys.readouterr().out == f"0 trials run, 0 already done; results in {tmp_path}\n"

@@ -6,16 +6,16 @@ from collections.abc import Sequence
 import pytest
 
 from mppi_belief.report.cell_results import CellResults
+from mppi_belief.report.sections import reproduction
 from mppi_belief.report.sections.reproduction import (
     FITTED,
     HELD_OUT,
-    Compared,
-    as_frame,
-    claims,
-    compare,
+    ComparedNumber,
+    compare_numbers,
+    compared_frame,
+    judged_claims,
     verdict,
 )
-from mppi_belief.report.sections.studies import reproduction
 from report_helpers import held, lost, setting, trials
 
 TABLE_1 = {  # cost, spread, collisions in %, as printed
@@ -83,14 +83,14 @@ def thetas() -> list[CellResults]:
     ]
 
 
-def by_name(lines: Sequence[Compared]) -> dict[str, Compared]:
-    return {line.what: line for line in lines}
+def by_name(lines: Sequence[ComparedNumber]) -> dict[str, ComparedNumber]:
+    return {line.label: line for line in lines}
 
 
 def test_every_published_number_is_there_once_and_fitted_numbers_are_those_of_table_1():
-    lines = compare(table_1(), thetas(), weights())
-    assert len({line.what for line in lines}) == len(lines)
-    fitted = {(line.what, line.paper) for line in lines if line.kind == FITTED}
+    lines = compare_numbers(table_1(), thetas(), weights())
+    assert len({line.label for line in lines}) == len(lines)
+    fitted = {(line.label, line.paper) for line in lines if line.kind == FITTED}
     expected = set()
     for name, cost, sd, rate in TABLE_1.values():
         expected |= {(f"{name}, cost", f"{cost}"), (f"{name}, spread of the cost", f"{sd}")}
@@ -100,7 +100,7 @@ def test_every_published_number_is_there_once_and_fitted_numbers_are_those_of_ta
         ("theta 1, collisions %", "0.0"),
     }  # Table I's cell again
     assert fitted == expected
-    predicted = {(line.what, line.paper) for line in lines if line.kind == HELD_OUT}
+    predicted = {(line.label, line.paper) for line in lines if line.kind == HELD_OUT}
     expected = {(f"theta {theta}, collisions %", "0.5 to 1.5") for theta in (2, 5)}
     for theta, (rate, clearance, cost) in THETA.items():
         expected.add((f"theta {theta:g}, clearance m", f"{clearance:.2f}"))
@@ -119,10 +119,10 @@ def test_every_published_number_is_there_once_and_fitted_numbers_are_those_of_ta
 
 
 def test_the_papers_own_numbers_agree_with_themselves():
-    for line in compare(table_1(), thetas(), weights()):
+    for line in compare_numbers(table_1(), thetas(), weights()):
         assert abs(line.z) < 1e-6, line
         assert line.paper == line.ours or " to " in line.paper
-    lines = compare(table_1(), thetas(), weights())
+    lines = compare_numbers(table_1(), thetas(), weights())
     assert verdict(lines, FITTED).startswith(
         "14 of the 14 fitted numbers agree within 2 standard errors; "
     )
@@ -135,7 +135,7 @@ def test_the_papers_own_numbers_agree_with_themselves():
 def test_z_of_table_1_by_hand():
     """Two other samples of 50: mean 58 and spread 4 against 56.5 and 5.2, 3 collisions against none."""
     (found,) = (held(setting(), [*trials(50, 3, (58.0, 4.0)), lost(50), lost(51)]),)
-    cost, spread, rate = compare([found], [], [])
+    cost, spread, rate = compare_numbers([found], [], [])
     assert cost.z == pytest.approx(1.5 / math.sqrt(16 / 50 + 5.2**2 / 200), rel=1e-9)
     assert spread.z == pytest.approx(-1.2 / math.sqrt(16 / 98 + 5.2**2 / 398), rel=1e-9)
     assert rate.z == pytest.approx(likelihood_ratio(3, 50, 0, 200), rel=1e-9)
@@ -145,7 +145,7 @@ def test_z_of_table_1_by_hand():
 def test_z_of_the_theta_sweep_by_hand():
     """Where the paper prints no spread, both sides have ours."""
     found = held(setting(theta=0.0), trials(100, 30, (50.0, 6.0), (0.2, 0.3)))
-    lines = by_name(compare([], [found], []))
+    lines = by_name(compare_numbers([], [found], []))
     both = math.sqrt(1 / 100 + 1 / 200)
     assert lines["theta 0, clearance m"].z == pytest.approx(0.09 / (0.3 * both), rel=1e-9)
     assert lines["theta 0, cost"].z == pytest.approx(-1.3 / (6 * both), rel=1e-9)
@@ -172,28 +172,31 @@ def test_z_of_the_theta_sweep_by_hand():
 def test_within_a_range_z_is_zero_and_outside_it_counts_from_the_nearest_end(
     method, w_obs, hits, end
 ):
-    (line,) = compare([], [], sweep(method, {w_obs: hits / 2}))
+    (line,) = compare_numbers([], [], sweep(method, {w_obs: hits / 2}))
     expected = 0.0 if end is None else likelihood_ratio(hits, 200, 200 * end, 200)
     assert line.z == pytest.approx(expected, rel=1e-6, abs=1e-6)
     assert (line.z == pytest.approx(0, abs=1e-6)) == (end is None)
 
 
 def test_where_the_paper_says_nothing_nothing_is_compared():
-    assert compare([], [], sweep("belief", {100.0: 1.0, 250.0: 1.0})) == []
-    assert compare([], [held(setting(theta=0.25), trials(9))], []) == []
-    assert compare([held(setting("oracle"), trials(9))], [], sweep("oracle", {500.0: 0.0})) == []
+    assert compare_numbers([], [], sweep("belief", {100.0: 1.0, 250.0: 1.0})) == []
+    assert compare_numbers([], [held(setting(theta=0.25), trials(9))], []) == []
+    assert (
+        compare_numbers([held(setting("oracle"), trials(9))], [], sweep("oracle", {500.0: 0.0}))
+        == []
+    )
 
 
 def test_cells_without_at_least_two_good_trials_are_left_out():
     few = [[], trials(1), [*trials(1), lost(1), lost(2)]]
     for rows in few:
         assert (
-            compare(
+            compare_numbers(
                 [held(setting(), rows, 5)], [held(setting(), rows, 5)], [held(setting(), rows, 5)]
             )
             == []
         )
-    assert len(compare([held(setting(), trials(2))], [], [])) == 3
+    assert len(compare_numbers([held(setting(), trials(2))], [], [])) == 3
 
 
 @pytest.mark.filterwarnings("error")
@@ -201,33 +204,34 @@ def test_cells_without_at_least_two_good_trials_are_left_out():
 def test_trials_without_a_spread_do_not_stop_a_report(clearance):
     rows = trials(5, 0, (50.0, 0.0), (clearance, 0.0))
     lines = [
-        *compare([held(setting(), rows)], [], []),
-        *compare([], [held(setting(theta=0.0), rows)], []),
+        *compare_numbers([held(setting(), rows)], [], []),
+        *compare_numbers([], [held(setting(theta=0.0), rows)], []),
     ]
-    assert [line.what for line in lines if "clearance" in line.what] == ["theta 0, clearance m"]
+    assert [line.label for line in lines if "clearance" in line.label] == ["theta 0, clearance m"]
     for kind in (FITTED, HELD_OUT):
-        assert len(as_frame(lines, kind)) == 3
+        assert len(compared_frame(lines, kind)) == 3
         assert "numbers agree" in verdict(lines, kind)
 
 
 def test_the_frame_has_the_lines_of_one_kind():
     lines = [
-        Compared(FITTED, "a", "1.0", "2.0", 1.26),
-        Compared(HELD_OUT, "b", "3", "4", -0.5),
-        Compared(FITTED, "c", "5", "6", math.nan),
+        ComparedNumber(FITTED, "a", "1.0", "2.0", 1.26),
+        ComparedNumber(HELD_OUT, "b", "3", "4", -0.5),
+        ComparedNumber(FITTED, "c", "5", "6", math.nan),
     ]
-    frame = as_frame(lines, FITTED)
+    frame = compared_frame(lines, FITTED)
     assert frame.to_numpy().tolist() == [["a", "1.0", "2.0", "+1.3"], ["c", "5", "6", "-"]]
-    assert as_frame(lines, HELD_OUT).to_numpy().tolist() == [["b", "3", "4", "-0.5"]]
-    assert as_frame([], FITTED).empty
+    assert compared_frame(lines, HELD_OUT).to_numpy().tolist() == [["b", "3", "4", "-0.5"]]
+    assert compared_frame([], FITTED).empty
 
 
 def test_the_verdict_counts_and_names_the_farthest():
     z = [0.1, -1.9, 2.0, -2.1, 7.0, -9.5, math.nan]
     lines = [
-        Compared(FITTED, f"number {k}", f"{k}.5", f"{k}.7", value) for k, value in enumerate(z)
+        ComparedNumber(FITTED, f"number {k}", f"{k}.5", f"{k}.7", value)
+        for k, value in enumerate(z)
     ]
-    lines.append(Compared(HELD_OUT, "another", "1", "2", 99.0))
+    lines.append(ComparedNumber(HELD_OUT, "another", "1", "2", 99.0))
     said = verdict(lines, FITTED)
     assert said.startswith("3 of the 6 fitted numbers agree within 2 standard errors")
     assert "the farthest is number 5: 5.7 here, 5.5 in the paper (z = -9.5)" in said
@@ -236,9 +240,14 @@ def test_the_verdict_counts_and_names_the_farthest():
 
 
 def test_ranges_are_counted_apart():
-    lines = [Compared(HELD_OUT, "a", "1", "9", 5.0), Compared(HELD_OUT, "b", "1", "1", 0.0)]
-    lines += [Compared(HELD_OUT, f"c{z}", "1 to 2", "2", z, is_range=True) for z in (0.0, 0.0, 3.0)]
-    said = "1 of the 2 held-out numbers agree within 2 standard errors, and 2 of 3 ranges are met as well; "
+    lines = [
+        ComparedNumber(HELD_OUT, "a", "1", "9", 5.0),
+        ComparedNumber(HELD_OUT, "b", "1", "1", 0.0),
+    ]
+    lines += [
+        ComparedNumber(HELD_OUT, f"c{z}", "1 to 2", "2", z, is_range=True) for z in (0.0, 0.0, 3.0)
+    ]
+    said = "1 of the 2 held-out numbers agree within 2 standard errors, and 2 of 3 ranges are met; "
     assert verdict(lines, HELD_OUT).startswith(said)
 
 
@@ -255,7 +264,7 @@ ABOVE, FREE, BELOW = (
 
 
 def test_claims_that_hold_say_so():
-    found = claims(table_1(), weights())
+    found = judged_claims(table_1(), weights())
     assert len(found) == 4
     assert found[0] == "MPPI-Belief at theta = 1 has 0 collisions in 200 trials, as published."
     for start in (ABOVE, FREE, BELOW):
@@ -269,7 +278,7 @@ def test_claims_name_exactly_the_cells_where_they_fail():
         *sweep("pipf", {500.0: 10.0, 1000.0: 30.0}),  # the first is Table I's own cell
         *sweep("belief", {100.0: 50.0, 250.0: 1.0, 500.0: 1.0, 1000.0: 0.5, 2500.0: 2.5}),
     ]
-    found = claims(first, cells)
+    found = judged_claims(first, cells)
     assert (
         found[0] == "MPPI-Belief at theta = 1 has 1 collisions in 200 trials; the paper has none."
     )
@@ -283,20 +292,20 @@ def test_claims_name_exactly_the_cells_where_they_fail():
 
 
 def test_claims_are_made_of_what_there_is():
-    assert claims([], []) == []
-    only = claims(
+    assert judged_claims([], []) == []
+    only = judged_claims(
         [held(setting(), [lost(0)]), held(setting("ce"), [])],
         sweep("belief", {100.0: 50.0, 250.0: 20.0}),
     )
     assert only == []
-    (line,) = claims([held(setting(), [*trials(4, 1), lost(4)])], [])
+    (line,) = judged_claims([held(setting(), [*trials(4, 1), lost(4)])], [])
     assert "1 collisions in 4 trials" in line
-    assert len(claims([held(setting("ce"), trials(10, 3))], [])) == 2
+    assert len(judged_claims([held(setting("ce"), trials(10, 3))], [])) == 2
 
 
 def test_other_methods_are_no_baselines_of_the_paper():
-    assert claims([held(setting("oracle"), trials(10, 0))], sweep("lqg", {500.0: 0.0})) == []
+    assert judged_claims([held(setting("oracle"), trials(10, 0))], sweep("lqg", {500.0: 0.0})) == []
 
 
 def test_agreement_is_within_two_standard_errors():
-    assert reproduction.AGREES == 2
+    assert reproduction.AGREEMENT == 2

@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from mppi_belief.report.certificate_tables import show_certificates, show_system_certificate
 from mppi_belief.report.figures import certificate_figure
 from mppi_belief.report.sections import theory
 from mppi_belief.results.certificate import CERTIFICATE_NAMES, Certificate, Line, Panel
@@ -59,17 +60,17 @@ def test_a_file_that_is_no_certificate_counts_as_missing(tmp_path, content):
 
 
 def test_the_terminal_shows_every_number_with_its_band_and_verdict(tmp_path, capsys):
-    assert theory.show_certificates(stored(made()), stored(made()), tmp_path)
+    assert show_certificates(stored(made()), stored(made()), tmp_path)
     lines = capsys.readouterr().out.splitlines()
     assert lines[0] == "Statement of cole_hopf  (1.2 s)"
     assert lines[1].split() == ["residual", "1e-13", "≤", "1e-12", "holds"]
     assert lines[2].split() == ["size", "2", "≥", "1", "holds"]
-    assert lines[-1].startswith("1 of 1 certificates hold, 2 checks")
+    assert lines[-1].startswith("1 of 1 certificates hold, with 2 checks")
 
 
 def test_a_failure_is_told_and_returned(tmp_path, capsys):
     two = stored(made(), made("feynman_kac", value=1.0))
-    assert not theory.show_certificates(two, two, tmp_path)
+    assert not show_certificates(two, two, tmp_path)
     said = capsys.readouterr().out
     assert said.count("FAILS") == 1
     assert "1 of 2 certificates hold" in said
@@ -77,7 +78,7 @@ def test_a_failure_is_told_and_returned(tmp_path, capsys):
 
 def test_the_files_have_the_full_numbers_and_the_figures(tmp_path):
     both = stored(made(value=0.1 + 0.2), made("feynman_kac"))
-    theory.show_certificates(both[:1], both, tmp_path)
+    show_certificates(both[:1], both, tmp_path)
     numbers = pd.read_csv(tmp_path / "certificates.csv")
     assert numbers["value"][0] == 0.1 + 0.2
     assert list(numbers["holds"]) == [False, True, True, True]
@@ -91,13 +92,13 @@ def test_the_files_have_the_full_numbers_and_the_figures(tmp_path):
 
 
 def test_the_page_has_an_overview_and_a_section_for_each(tmp_path):
-    first, one, other = theory.sections(
+    first, one, other = theory.theory_sections(
         stored(made(), made("feynman_kac", value=1.0, panels=0)), tmp_path
     )
     assert list(first.tables[0].frame["Verdict"]) == ["holds", "FAILS"]
     assert list(first.tables[0].frame["Hold"]) == ["2", "1"]
-    assert theory.provenance(stored(made())) == [("certificates", "4a7f400, seed 7")]
-    assert theory.provenance([]) == []
+    assert theory.theory_provenance(stored(made())) == [("certificates", "4a7f400, seed 7")]
+    assert theory.theory_provenance([]) == []
     assert one.title == "Statement of cole_hopf"
     assert [picture.file for picture in one.pictures] == ["theory_cole_hopf.png"]
     assert one.tables[0].bold == []
@@ -107,7 +108,7 @@ def test_the_page_has_an_overview_and_a_section_for_each(tmp_path):
 
 
 def test_no_certificates_no_sections(tmp_path):
-    assert theory.sections([], tmp_path) == []
+    assert theory.theory_sections([], tmp_path) == []
     assert certificate_figure([]) is None
 
 
@@ -127,7 +128,7 @@ def test_curves_are_drawn_as_they_say(tmp_path):
 
 
 def test_what_holds_for_a_system_is_written_beside(tmp_path, capsys):
-    theory.show_system(made("mine", value=1.0), tmp_path)
+    show_system_certificate(made("mine", value=1.0), tmp_path)
     said = capsys.readouterr().out
     assert "does not hold" in said
     assert "What mine covers." in said
@@ -137,13 +138,13 @@ def test_what_holds_for_a_system_is_written_beside(tmp_path, capsys):
 
 def test_what_should_be_known_before_trusting_them():
     good, bad = made(), made("feynman_kac", value=1.0)
-    assert theory.warnings(stored(good)) == []
-    assert theory.warnings(stored(good, bad)) == ["Statement of feynman_kac does not hold."]
+    assert theory.theory_warnings(stored(good)) == []
+    assert theory.theory_warnings(stored(good, bad)) == ["Statement of feynman_kac does not hold."]
     changed = [
         StoredCertificate(good, 1.0, SOURCE | {"dirty": True}),
         StoredCertificate(good, 1.0, SOURCE | {"commit": "0000000"}),
     ]
-    assert [line.split()[0] for line in theory.warnings(changed)] == ["Some", "The"]
+    assert [line.split()[0] for line in theory.theory_warnings(changed)] == ["Some", "The"]
 
 
 def test_a_curve_with_a_hole_is_drawn_after_it_was_stored(tmp_path):

@@ -8,8 +8,8 @@ from matplotlib.figure import Figure
 
 from mppi_belief.report import figures
 from mppi_belief.report.cell_results import CellResults
-from mppi_belief.report.sections.studies import sections
-from mppi_belief.report.sections.two_lanes import arrivals, panels
+from mppi_belief.report.sections import study_sections
+from mppi_belief.report.sections.two_lanes import arrival_rate, filter_panels
 from mppi_belief.report.statistics import proportion_interval
 from report_helpers import SCENE, held, lost, setting, trials
 
@@ -45,13 +45,13 @@ def study() -> list[CellResults]:
 
 
 def test_arrivals_are_counted_among_the_trials_that_went_well():
-    assert [arrivals(one) for one in study()] == [
+    assert [arrival_rate(one) for one in study()] == [
         proportion_interval(k, 20) for k in (18, 7, 9, 0, 15, 12)
     ]
 
 
 def test_the_section_says_who_collides_and_who_arrives(tmp_path):
-    (section,) = sections({"two_lanes": study()}, tmp_path)
+    (section,) = study_sections({"two_lanes": study()}, tmp_path)
     assert section.title == "Beyond the paper: a belief with two modes"
     frame = section.tables[0].frame
     assert [text.split()[0] for text in frame["arrived % [95 %]"]] == [
@@ -73,7 +73,7 @@ def test_the_section_says_who_collides_and_who_arrives(tmp_path):
 
 
 def test_the_picture_has_both_filters_of_each_planner_and_every_start(tmp_path):
-    runs = panels([pictured(one) for one in study()])
+    runs = filter_panels([pictured(one) for one in study()])
     assert [run.title for run in runs] == [
         "MPPI-Belief, filter=mixture",
         "MPPI-Belief, filter=ekf",

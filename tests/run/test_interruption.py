@@ -120,7 +120,7 @@ def test_no_process_outlives_an_interruption(story):
 def test_the_same_command_completes_it(story):
     found = len(story.killed.trials)
     assert story.last.code == 0, story.last.err
-    assert f"{N_TRIALS - found} trials run, {found} found done" in story.last.out
+    assert f"{N_TRIALS - found} trials run, {found} already done" in story.last.out
     table = rows(story.folder)
     assert table["trial"].tolist() == list(range(N_TRIALS))
     assert set(table["status"]) == {"ok"}

@@ -238,7 +238,7 @@ def _certify(config: dict[str, Any], names: Sequence[str], command: list[str]) -
     """Compute, store and show certificates; the exit code."""
     from tqdm import tqdm
 
-    from ..report.sections.theory import show_certificates
+    from ..report.certificate_tables import show_certificates
     from ..results.certificate_files import StoredCertificate, load_certificates, store_certificate
     from ..results.files import probe
     from ..results.provenance import provenance
@@ -269,7 +269,7 @@ def _what_holds(
 ) -> int:
     """Say which statements hold for the system of one configuration."""
     from ..config.targets import allow
-    from ..report.sections.theory import show_system
+    from ..report.certificate_tables import show_system_certificate
     from ..results.certificate_files import StoredCertificate, store_certificate
     from ..results.files import probe
     from ..results.provenance import provenance
@@ -292,7 +292,7 @@ def _what_holds(
             made, time.perf_counter() - began, provenance(command) | {"seed": config["seed"]}
         ),
     )
-    show_system(made, folder)
+    show_system_certificate(made, folder)
     return 0
 
 

@@ -1,4 +1,4 @@
-"""What a run leaves on the terminal and beside its results: a table, pictures, where things are."""
+"""Prints the results of a run as a table, draws its trajectories and says where the results are."""
 
 import sys
 from collections.abc import Sequence
@@ -12,53 +12,56 @@ from ..run.task import Outcome
 
 
 def show_overview(cells: Sequence[Cell], root: Path, n_trials: int, outcome: Outcome) -> int:
-    """Print and draw the first `n_trials` trials of each cell; the number of failed trials among them."""
-    founds = [read_cell_results(cell, root, n_trials) for cell in cells]
-    founds = [found for found in founds if len(found.rows)]
-    bad = [_tell_failures(found) for found in founds]
-    if founds:
-        print(
-            aligned_text(
-                [summary_text(found.rows, found.labels, found.seconds) for found in founds]
-            )
-        )
-    ran, done = sum(outcome.ran.values()), sum(outcome.found.values())
-    print(f"{ran} trials run, {done} found done; results in {root}")
-    pictures = [
-        _draw(root / found.cell.id, found, fresh=outcome.ran[found.cell.id] > 0) for found in founds
-    ]
-    drawn = [str(picture) for picture in pictures if picture is not None]
-    if drawn:
-        print(
-            f"picture{'s' if len(drawn) > 1 else ''}: {drawn[0] if len(drawn) == 1 else root / '*' / figures.TRAJECTORIES_PNG}"
-        )
-    return sum(bad)
+    """Prints and draws the first `n_trials` trials of each cell; returns how many failed."""
+    results = [read_cell_results(cell, root, n_trials) for cell in cells]
+    results = [cell for cell in results if len(cell.rows)]
+    failed = sum(_print_failures(cell) for cell in results)
+    if results:
+        lines = [summary_text(cell.rows, cell.labels, cell.seconds) for cell in results]
+        print(aligned_text(lines))
+    ran = sum(outcome.ran.values())
+    stored = sum(outcome.found.values())
+    print(f"{ran} trials run, {stored} already done; results in {root}")
+
+    pictures = []
+    for cell in results:
+        picture = _save_trajectories(root / cell.id, cell, redraw=outcome.ran[cell.id] > 0)
+        if picture is not None:
+            pictures.append(picture)
+    if len(pictures) == 1:
+        print(f"picture: {pictures[0]}")
+    elif pictures:
+        print(f"pictures: {root / '*' / figures.TRAJECTORIES_PNG}")
+    return failed
 
 
-def _tell_failures(found: CellResults) -> int:
-    """Say on stderr what went wrong, an example of each kind; how many trials did."""
-    bad = found.rows[found.rows["status"] != "ok"]
-    for status, group in bad.groupby("status"):
-        example = group.iloc[0]
-        line = f"{found.cell.id}: {len(group)} {status}, e.g. trial {example['trial']}: {example['error']}"
+def _print_failures(cell: CellResults) -> int:
+    """Prints an example of each kind of failure to stderr; returns how many trials failed."""
+    failed = cell.rows[cell.rows["status"] != "ok"]
+    for status, rows in failed.groupby("status"):
+        first = rows.iloc[0]
+        line = f"{cell.id}: {len(rows)} {status}, e.g. trial {first['trial']}: {first['error']}"
         print(line, file=sys.stderr)
-    return len(bad)
+    return len(failed)
 
 
-def _draw(folder: Path, found: CellResults, *, fresh: bool) -> Path | None:
-    picture, run = folder / figures.TRAJECTORIES_PNG, as_run(found)
-    if run is not None and (fresh or not picture.exists()):
-        figures.save_png(figures.trajectories_figure(*run), picture)
-    return picture if run is not None else None
-
-
-def as_run(found: CellResults) -> figures.PathPanel | None:
-    """What a picture of the kept trials shows, None without any."""
-    if found.paths.empty or found.scene is None:
+def _save_trajectories(folder: Path, cell: CellResults, *, redraw: bool) -> Path | None:
+    """Draws the kept trials unless there is a picture and no `redraw`; None without any."""
+    panel = overview_panel(cell)
+    if panel is None:
         return None
-    hit = found.rows["collided"].fillna(False).astype(bool)
-    collided = set(found.rows.loc[hit, "trial"]) & set(found.paths["trial"])
-    title = ", ".join(
-        f"{name} {value}" for name, value in found.labels.items() if label_text(value) != "-"
-    )
-    return figures.PathPanel(found.paths, found.scene, collided, title)
+    picture = folder / figures.TRAJECTORIES_PNG
+    if redraw or not picture.exists():
+        figures.save_png(figures.trajectories_figure(panel), picture)
+    return picture
+
+
+def overview_panel(cell: CellResults) -> figures.PathPanel | None:
+    """Returns a panel of all kept trials, titled with the labels of the cell; None without any."""
+    if cell.paths.empty or cell.scene is None:
+        return None
+    rows = cell.rows
+    collided = set(rows.loc[rows["collided"].fillna(False).astype(bool), "trial"])
+    labels = [f"{name} {value}" for name, value in cell.labels.items() if label_text(value) != "-"]
+    kept = set(cell.paths["trial"])
+    return figures.PathPanel(cell.paths, cell.scene, collided & kept, ", ".join(labels))

@@ -1,4 +1,4 @@
-"""The report: every table and figure of the studies, and one page with all of them."""
+"""Builds the report of studies: tables and figures as files, and one page with all of them."""
 
 import shlex
 from collections.abc import Callable, Sequence
@@ -7,90 +7,105 @@ from pathlib import Path
 from ..config.cell import Cell
 from ..results.certificate import CERTIFICATE_NAMES
 from ..results.certificate_files import StoredCertificate, load_certificates
-from .cell_results import CellResults, read_cell_results
-from .comparison import table_1
+from .cell_results import CellResults, Studies, read_cell_results
 from .frame_files import write_text_file
 from .origin import trial_provenance, trial_warnings
 from .page import Page, render
-from .sections import theory
-from .sections.studies import BUILDERS, Studies, sections
+from .sections import PAPER_STUDIES, study_sections
+from .sections.table_1 import table_1_frame
+from .sections.theory import theory_provenance, theory_sections, theory_warnings
 
-PAGE = "index.html"
-STUDIES = tuple(BUILDERS)
-TITLE = "Path integral control in Gaussian belief space: the experiments, run anew"
+INDEX_HTML = "index.html"
+STUDIES = tuple(PAPER_STUDIES)  # of a report that is not asked for others
+TITLE = "Path integral control in Gaussian belief space: the experiments reproduced"
 LEAD = (
-    "Das and Tanaka plan in the space of Gaussian beliefs and report a vehicle that never collides where three "
-    "baselines do. These are their experiments with this package, beside the numbers they print."
+    "Das and Tanaka plan in the space of Gaussian beliefs and report a vehicle that never "
+    "collides, while three baselines do. This page shows their experiments, repeated with this "
+    "package, beside the numbers of the paper."
 )
 
 
 def report_studies(
     studies: dict[str, list[Cell]], verify_dir: Path | None, folder: Path, overrides: Sequence[str]
 ) -> bool:
-    """Read the results of some studies' cells and, from `verify_dir`, the certificates, write the report into `folder`
-    and say on the terminal what it holds and what is missing; whether everything was there."""
-    complaints: dict[str, None] = {}  # cells that two studies share complain once
-    found = {
-        name: [
-            _find(cell, complaints.setdefault)
-            for cell in {cell.id: cell for cell in cells}.values()
-        ]
-        for name, cells in studies.items()
-    }
+    """Writes the report of some studies into `folder`; returns whether it is complete.
+
+    Reads the results of the studies' cells and, unless `verify_dir` is None, the certificates.
+    Prints Table I, warnings, and for whatever is missing the command that runs it; `overrides` are
+    the settings of this command line.
+    """
+    warnings: dict[str, None] = {}  # cells that two studies share warn once
+    results = {name: _read_study(cells, warnings.setdefault) for name, cells in studies.items()}
     certificates = [] if verify_dir is None else load_certificates(verify_dir)
-    page = write_report(found, certificates, folder, list(complaints))
-    if any(len(one.good) for one in found.get("table_1", [])):
-        print(table_1(found["table_1"]).to_string(index=False))
-    lines = missing_lines(found, overrides)
+    page = write_report(results, certificates, folder, list(warnings))
+
+    table_1 = results.get("table_1", [])
+    if any(len(cell.good) for cell in table_1):
+        print(table_1_frame(table_1).to_string(index=False))
+    missing = missing_lines(results, overrides)
     if verify_dir is not None and len(certificates) < len(CERTIFICATE_NAMES):
-        chosen = [
-            word
-            for word in overrides
-            if word.partition("=")[0] in ("seed", "workers", "verify_dir")
-        ]
-        command = shlex.join(["mppi-belief", "verify", *chosen])
-        lines.append(
-            f"missing: {len(CERTIFICATE_NAMES) - len(certificates)} of {len(CERTIFICATE_NAMES)} certificates; {command}"
-        )
-    for line in [*complaints, *theory.warnings(certificates), *lines]:
+        missing.append(_missing_certificates(len(certificates), overrides))
+    for line in [*warnings, *theory_warnings(certificates), *missing]:
         print(line)
     print(f"report: {page}")
-    return not lines
+    return not missing
 
 
-def _find(cell: Cell, warn: Callable[[str], object]) -> CellResults:
-    return read_cell_results(cell, Path(cell.config["results_dir"]), cell.config["n_trials"], warn)
+def _read_study(cells: Sequence[Cell], warn: Callable[[str], object]) -> list[CellResults]:
+    """Reads the results of each distinct cell of a study."""
+    distinct = {cell.id: cell for cell in cells}.values()
+    return [
+        read_cell_results(cell, Path(cell.config["results_dir"]), cell.config["n_trials"], warn)
+        for cell in distinct
+    ]
 
 
 def write_report(
     studies: Studies,
     certificates: Sequence[StoredCertificate],
     folder: Path,
-    complaints: Sequence[str],
+    warnings: Sequence[str],
 ) -> Path:
-    """Write everything into `folder` and return the page's path; `complaints` are shown as warnings."""
+    """Writes the page and its tables and figures into `folder`; returns the path of the page.
+
+    `warnings` are shown on the page, after those about the trials and the certificates.
+    """
     folder.mkdir(parents=True, exist_ok=True)
-    founds: list[CellResults] = list(
-        {one.cell.id: one for founds in studies.values() for one in founds}.values()
-    )
-    shown = [*sections(studies, folder), *theory.sections(certificates, folder)]
-    warned = [*trial_warnings(founds), *theory.warnings(certificates), *complaints]
+    distinct: dict[str, CellResults] = {}
+    for cells in studies.values():
+        distinct |= {cell.id: cell for cell in cells}
+    cells = list(distinct.values())
+
     page = Page(
-        TITLE, LEAD, warned, shown, [*trial_provenance(founds), *theory.provenance(certificates)]
+        title=TITLE,
+        lead=LEAD,
+        warnings=[*trial_warnings(cells), *theory_warnings(certificates), *warnings],
+        sections=[*study_sections(studies, folder), *theory_sections(certificates, folder)],
+        provenance=[*trial_provenance(cells), *theory_provenance(certificates)],
     )
-    write_text_file(folder / PAGE, render(page, folder))
-    return folder / PAGE
+    write_text_file(folder / INDEX_HTML, render(page, folder))
+    return folder / INDEX_HTML
 
 
 def missing_lines(studies: Studies, overrides: Sequence[str]) -> list[str]:
-    """One line for each study that is not complete: what is missing, and the command that runs it."""
+    """Returns one line per incomplete study: how much is missing, and the command that runs it."""
     lines = []
-    for name, founds in studies.items():
-        behind = [found for found in founds if found.missing > 0]
-        if behind:
-            trials = sum(found.missing for found in behind)
+    for name, cells in studies.items():
+        incomplete = [cell for cell in cells if cell.missing > 0]
+        if incomplete:
+            trials = sum(cell.missing for cell in incomplete)
             command = shlex.join(["mppi-belief", "run", f"experiment={name}", *overrides])
             lines.append(
-                f"missing: {trials} trials in {len(behind)} of {len(founds)} cells of {name}; {command}"
+                f"missing: {trials} trials in {len(incomplete)} of {len(cells)} cells of {name}; "
+                f"{command}"
             )
     return lines
+
+
+def _missing_certificates(stored: int, overrides: Sequence[str]) -> str:
+    """Returns the line that says how many certificates are missing, and the command for them."""
+    keys = ("seed", "workers", "verify_dir")
+    chosen = [word for word in overrides if word.partition("=")[0] in keys]
+    command = shlex.join(["mppi-belief", "verify", *chosen])
+    missing = len(CERTIFICATE_NAMES) - stored
+    return f"missing: {missing} of {len(CERTIFICATE_NAMES)} certificates; {command}"

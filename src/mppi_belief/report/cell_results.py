@@ -1,4 +1,4 @@
-"""What was found of a cell on disk, read once and handed to tables and figures."""
+"""Reads the results of a cell once, for all tables and figures; pairs, groups and names cells."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -15,95 +15,130 @@ from .summary import label_text
 
 METHOD_NAMES = {
     "belief": "MPPI-Belief",
-    "belief_joint": "MPPI-Belief, a covariance a path",
+    "belief_joint": "MPPI-Belief, a covariance per path",
     "ce": "CE-MPPI",
     "pipf": "PIPF",
     "ilqg": "EKF-iLQG",
     "algorithm_1": "Algorithm 1",
     "oracle": "Oracle",
     "lqg": "LQG",
-}  # controllers by the names that the paper gives them
+}  # options of `controller`, and the names of the methods in the paper
 
 
 class CellResults(NamedTuple):
-    """A cell and its results.
-
-    rows        the first `wanted` trials that are done, one row each, failed ones too
-    good        those of them that went well: what averages are taken of
-    paths       a row per step of the kept trials among them: trial, step, state, mean, cov (flat), control
-                with the position at the front of the state
-    scene       dt, start, goal, obstacles, radius, noise; None where nothing was kept
-    seconds     wall times of single control steps, empty where none were taken
-    recording   one trial in detail (`mppi_belief.trial.recording`), or None
-    sources     the provenance of every part file that holds one of the rows
-    """
+    """Holds a cell and the results that a results folder has of it."""
 
     cell: Cell
-    wanted: int
-    rows: pd.DataFrame
+    wanted: int  # number of trials that the report asks for
+    rows: pd.DataFrame  # one row per finished trial below `wanted`, failed trials too
+    # One row per step of a kept trial: trial, step, state, mean, cov (flat), control. The position
+    # comes first in state, mean and cov.
     paths: pd.DataFrame
-    scene: dict[str, Any] | None
-    seconds: list[float]
-    recording: dict[str, Any] | None
-    sources: list[dict[str, Any]]
+    scene: dict[str, Any] | None  # dt, start, goal, obstacles, ...; None without kept trials
+    seconds: list[float]  # wall times of single control steps, s; empty where none were measured
+    recording: dict[str, Any] | None  # one trial in detail, see `mppi_belief.trial.recording`
+    sources: list[dict[str, Any]]  # provenance of every file that holds one of the rows
+
+    @property
+    def config(self) -> dict[str, Any]:
+        """The configuration of the cell."""
+        return self.cell.config
+
+    @property
+    def id(self) -> str:
+        """The identity of the cell, which names its folder."""
+        return self.cell.id
 
     @property
     def good(self) -> pd.DataFrame:
+        """The rows of the trials that did not fail; averages are taken over these."""
         return self.rows[self.rows["status"] == "ok"]
 
     @property
+    def good_paths(self) -> pd.DataFrame:
+        """The steps of the kept trials that did not fail."""
+        return self.paths[self.paths["trial"].isin(self.good["trial"])]
+
+    @property
+    def collided(self) -> np.ndarray:
+        """Whether each good trial collided, (n,) bool."""
+        return self.good["collided"].to_numpy(dtype=bool)
+
+    @property
+    def collided_trials(self) -> set[int]:
+        """The numbers of the good trials that collided."""
+        return set(self.good["trial"][self.collided])
+
+    @property
     def missing(self) -> int:
+        """The number of trials that are still to be run."""
         return self.wanted - len(self.rows)
 
     @property
     def labels(self) -> dict[str, Any]:
+        """The settings that tell this cell from the others of a study."""
         return labels(self.cell.config)
 
     @property
+    def system(self) -> str:
+        """The option of `system`."""
+        return str(self.config["names"]["system"])
+
+    @property
     def method(self) -> str:
-        """The controller's option, a key of `NAMES`."""
-        return str(self.cell.config["names"]["controller"])
+        """The option of `controller`, a key of `METHOD_NAMES`."""
+        return str(self.config["names"]["controller"])
 
     @property
     def name(self) -> str:
-        """The method as the paper calls it."""
+        """The name of the method in the paper."""
         return METHOD_NAMES.get(self.method, self.method)
 
     @property
     def samples(self) -> int | None:
-        """Paths sampled for one control step, from every particle where the method does that; None without any."""
-        number = self.cell.config["controller"].get("n_samples")
-        starts = self.cell.config["filter"].get("n_particles", 1) if self.method == "pipf" else 1
+        """The number of paths sampled per control step, None for a method that samples none.
+
+        PIPF samples its paths from every particle.
+        """
+        number = self.config["controller"].get("n_samples")
+        starts = self.config["filter"].get("n_particles", 1) if self.method == "pipf" else 1
         return None if number is None else int(number * starts)
 
-    @property
-    def collided(self) -> np.ndarray:
-        """Of the good trials, (n,) bool."""
-        return self.good["collided"].to_numpy(dtype=bool)
+
+Studies = dict[str, list[CellResults]]  # the cells of each study by its name in conf/experiment/
 
 
 def read_cell_results(
     cell: Cell, root: Path, wanted: int, warn: Callable[[str], object] = lambda line: None
 ) -> CellResults:
-    """Read a cell's results; a file that cannot be read is named to `warn` and left out."""
+    """Reads the results of the first `wanted` trials of a cell from the results folder `root`.
+
+    A file that cannot be read is named to `warn` and left out.
+    """
     contents = read_cell(root / cell.id)
-    for line in contents.problems:
-        warn(line)
+    for problem in contents.problems:
+        warn(problem)
+
+    # The tables: rows of trials, and steps of the kept trials among them.
     rows = contents.rows[list(COLUMNS)]
     rows = rows[rows["trial"] < wanted].reset_index(drop=True)
     steps = contents.steps[contents.steps["trial"].isin(rows["trial"])]
-    scene = _note(contents, "scene", {"dt", "start", "goal", "obstacles", "radius"})
-    timing = _note(contents, "timing", {"seconds"})
-    record = cell.config.get("record")
+
+    # The files beside the tables.
+    scene = _read_notes(contents, "scene", {"dt", "start", "goal", "obstacles", "radius"})
+    timing = _read_notes(contents, "timing", {"seconds"})
+    recording_name = f"recording-{cell.config.get('record')}"
+    recording = _read_notes(contents, recording_name, {"trial", "samples", "matching"})
+
     return CellResults(
-        cell,
-        wanted,
-        rows,
-        _position_first(steps, scene),
-        scene,
-        timing["seconds"] if timing else [],
-        _note(contents, f"recording-{record}", {"trial", "samples", "matching"}),
-        sources_of(contents, rows["trial"]),
+        cell=cell,
+        wanted=wanted,
+        rows=rows,
+        paths=_position_first(steps, scene),
+        scene=scene,
+        seconds=timing["seconds"] if timing else [],
+        recording=recording,
+        sources=sources_of(contents, rows["trial"]),
     )
 
 
@@ -121,44 +156,49 @@ def _position_first(steps: pd.DataFrame, scene: dict[str, Any] | None) -> pd.Dat
     return steps.assign(state=states, mean=means, cov=covs)
 
 
-def _note(contents: CellContents, name: str, keys: set[str]) -> dict[str, Any] | None:
-    """Returns a JSON file beside the tables; None if it is missing or lacks one of the keys."""
+def _read_notes(contents: CellContents, name: str, keys: set[str]) -> dict[str, Any] | None:
+    """Returns a JSON file beside the tables; None if it is absent or lacks one of the keys."""
     content = contents.notes.get(name)
     return content if content and keys <= content.keys() else None
 
 
 def paired_rows(first: CellResults, second: CellResults) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """The good rows of the trials that both have, in the same order: they met the same noise."""
+    """Returns the good rows of the trials that both cells have, in the same order.
+
+    Trials of one number meet the same noise in all cells, so their difference has less spread.
+    """
     common = np.intersect1d(first.good["trial"], second.good["trial"])
-    one, other = (found.good.set_index("trial").loc[common] for found in (first, second))
-    return one, other
+    first_rows = first.good.set_index("trial").loc[common]
+    second_rows = second.good.set_index("trial").loc[common]
+    return first_rows, second_rows
 
 
-def by_method(founds: Sequence[CellResults]) -> dict[str, list[CellResults]]:
-    """The cells of each method, in the order in which they are given."""
+def by_method(cells: Sequence[CellResults]) -> dict[str, list[CellResults]]:
+    """Groups the cells by method; keeps the order in which they are given."""
     methods: dict[str, list[CellResults]] = {}
-    for found in founds:
-        methods.setdefault(found.method, []).append(found)
+    for cell in cells:
+        methods.setdefault(cell.method, []).append(cell)
     return methods
 
 
-def differing_labels(founds: Sequence[CellResults]) -> list[dict[str, str]]:
-    """The labels of each cell, as text, without those that are the same for all that have one."""
-    labels = [{name: label_text(value) for name, value in found.labels.items()} for found in founds]
-    names = dict.fromkeys(name for one in labels for name in one)
-    told = [name for name in names if len({one.get(name, "-") for one in labels} - {"-"}) > 1]
-    return [{name: one.get(name, "-") for name in told} for one in labels]
+def differing_labels(cells: Sequence[CellResults]) -> list[dict[str, str]]:
+    """Returns the labels of each cell as text, without those that have one value in all cells."""
+    labels = [{name: label_text(value) for name, value in cell.labels.items()} for cell in cells]
+    names = dict.fromkeys(name for cell_labels in labels for name in cell_labels)
+    differing = []
+    for name in names:
+        values = {cell_labels.get(name, "-") for cell_labels in labels} - {"-"}
+        if len(values) > 1:
+            differing.append(name)
+    return [{name: cell_labels.get(name, "-") for name in differing} for cell_labels in labels]
 
 
-def cell_titles(founds: Sequence[CellResults]) -> list[str]:
-    """A name for each cell: its method's, with the settings that differ where a method occurs more than once."""
-    names = [found.name for found in founds]
-    settings = [
-        ", ".join(f"{name} {value}" for name, value in one.items() if name != "controller")
-        for one in differing_labels(founds)
-    ]
-    pairs = zip(names, settings, strict=True)
-    return [
-        f"{name} ({setting})" if names.count(name) > 1 and setting else name
-        for name, setting in pairs
-    ]
+def cell_titles(cells: Sequence[CellResults]) -> list[str]:
+    """Names each cell by its method and, if that is ambiguous, by the settings that differ."""
+    names = [cell.name for cell in cells]
+    titles = []
+    for name, differing in zip(names, differing_labels(cells), strict=True):
+        settings = [f"{key} {value}" for key, value in differing.items() if key != "controller"]
+        is_ambiguous = names.count(name) > 1 and settings
+        titles.append(f"{name} ({', '.join(settings)})" if is_ambiguous else name)
+    return titles

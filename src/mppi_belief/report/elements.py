@@ -1,4 +1,4 @@
-"""What sections are made of: tables and figures, written beside the page, and numbers in sentences."""
+"""Builds what the sections share: tables and figures beside the page, and numbers in sentences."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -8,23 +8,29 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from .cell_results import CellResults, differing_labels
-from .figures import save_png_and_pdf
+from .figures.style import save_png_and_pdf
+from .figures.trajectories import PathPanel, compare_paths, path_panel
 from .frame_files import write_frame
 from .page import Picture, Table
 from .summary import interval_text, summarise_trials, summary_numbers, summary_text
 
+COMPARED_METHODS = ("belief_joint", "belief", "ce", "ilqg")  # of pictures of paths, in this order
 
-def cell_lines(founds: Sequence[CellResults]) -> pd.DataFrame:
-    """A line of text a cell, without the labels that are the same for all that have one."""
-    text = []
-    for found, labels in zip(founds, differing_labels(founds), strict=True):
-        ends = [name.rpartition(".")[2] for name in labels]
-        shown: dict[str, Any] = {
-            end if ends.count(end) == 1 else name: found.name if name == "controller" else value
-            for end, (name, value) in zip(ends, labels.items(), strict=True)
-        }
-        text.append(summary_text(found.rows, shown, found.seconds))
-    return pd.DataFrame(text).fillna("-")
+
+def cell_lines(cells: Sequence[CellResults]) -> pd.DataFrame:
+    """Returns a line of text per cell, without the labels that have one value in all cells.
+
+    A label is headed by the last part of its key where no other label ends alike.
+    """
+    lines = []
+    for cell, labels in zip(cells, differing_labels(cells), strict=True):
+        endings = [key.rpartition(".")[2] for key in labels]
+        columns: dict[str, Any] = {}
+        for ending, (key, value) in zip(endings, labels.items(), strict=True):
+            heading = ending if endings.count(ending) == 1 else key
+            columns[heading] = cell.name if key == "controller" else value
+        lines.append(summary_text(cell.rows, columns, cell.seconds))
+    return pd.DataFrame(lines).fillna("-")
 
 
 def write_table(
@@ -32,31 +38,52 @@ def write_table(
     stem: str,
     caption: str,
     frame: pd.DataFrame,
-    founds: Sequence[CellResults] | None = None,
+    cells: Sequence[CellResults] | None = None,
 ) -> Table:
-    """A table of the page, beside it as Markdown and as CSV: all numbers of `founds`, or else the same text."""
-    machine = None
-    if founds is not None:
-        machine = pd.DataFrame(
-            [summary_numbers(found.rows, found.labels, found.seconds) for found in founds]
-        )
-    write_frame(folder, stem, frame, machine)
+    """Writes a table of the page as STEM.md and STEM.csv, and returns it.
+
+    The CSV file has the numbers of `cells` in full precision or, without cells, the text of
+    `frame`.
+    """
+    numbers = None
+    if cells is not None:
+        lines = [summary_numbers(cell.rows, cell.labels, cell.seconds) for cell in cells]
+        numbers = pd.DataFrame(lines)
+    write_frame(folder, stem, frame, numbers)
     return Table(stem, caption, frame)
 
 
 def write_picture(folder: Path, stem: str, figure: Figure | None, alt: str) -> list[Picture]:
-    """A figure beside the page as PNG and PDF; none where there was nothing to draw."""
+    """Writes a figure as STEM.png and STEM.pdf; returns no picture where there is no figure."""
     if figure is None:
         return []
     save_png_and_pdf(figure, folder, stem)
     return [Picture(f"{stem}.png", alt)]
 
 
-def collision_text(found: CellResults) -> str:
-    """Collision rate and its interval, in %."""
-    return f"{interval_text(summarise_trials(found.rows, None).collided.times(100), 1)} %"
+def collision_text(cell: CellResults) -> str:
+    """Returns the collision rate with its interval, in %."""
+    rate = summarise_trials(cell.rows, None).collided.times(100)
+    return f"{interval_text(rate, 1)} %"
 
 
-def cost_text(found: CellResults) -> str:
-    """Mean cost and its interval."""
-    return interval_text(summarise_trials(found.rows, None).cost, 1)
+def cost_text(cell: CellResults) -> str:
+    """Returns the mean cost with its interval."""
+    return interval_text(summarise_trials(cell.rows, None).cost, 1)
+
+
+def write_path_panels(
+    folder: Path, stem: str, panels: Sequence[PathPanel | None], alt: str
+) -> list[Picture]:
+    """Writes the paths of several cells in the plane, a panel each; skips panels that are None."""
+    shown = [panel for panel in panels if panel is not None]
+    return write_picture(folder, stem, compare_paths(shown) if shown else None, alt)
+
+
+def write_paths_of_methods(
+    folder: Path, stem: str, cells: Sequence[CellResults], alt: str
+) -> list[Picture]:
+    """Writes the paths of the cells of `COMPARED_METHODS` in the plane, a panel each."""
+    shown = [cell for cell in cells if cell.method in COMPARED_METHODS]
+    shown.sort(key=lambda cell: COMPARED_METHODS.index(cell.method))
+    return write_path_panels(folder, stem, [path_panel(cell, cell.name) for cell in shown], alt)

@@ -1,4 +1,4 @@
-"""Files written whole or not at all, with the same bytes for the same content."""
+"""Writes text and tables atomically; the same content always gives the same bytes."""
 
 from pathlib import Path
 
@@ -8,22 +8,25 @@ from ..results.files import write_whole
 
 
 def write_text_file(path: Path, text: str) -> None:
-    """A text file."""
+    """Writes a text file, completely or not at all."""
     write_whole(path, lambda temporary: temporary.write_text(text, encoding="utf-8"))
 
 
 def write_frame(folder: Path, stem: str, text: pd.DataFrame, numbers: pd.DataFrame | None) -> None:
-    """STEM.md from cells of text, STEM.csv from the numbers or, where there are none, from the same text."""
+    """Writes STEM.md from cells of text, and STEM.csv from `numbers` or else from the text."""
     write_text_file(folder / f"{stem}.md", as_markdown(text))
-    write_text_file(
-        folder / f"{stem}.csv", (text if numbers is None else numbers).to_csv(index=False)
-    )
+    csv = (text if numbers is None else numbers).to_csv(index=False)
+    write_text_file(folder / f"{stem}.csv", csv)
 
 
 def as_markdown(frame: pd.DataFrame) -> str:
-    """A table of text in Markdown, bars in it escaped."""
-    rows = [[str(name) for name in frame.columns], ["---"] * len(frame.columns)]
-    rows += [
-        [str(value).replace("|", r"\|") for value in row] for row in frame.itertuples(index=False)
-    ]
-    return "\n".join(f"| {' | '.join(row)} |" for row in rows) + "\n"
+    """Returns a table of text in Markdown; bars within cells are escaped."""
+    lines = [_markdown_line([str(name) for name in frame.columns])]
+    lines.append(_markdown_line(["---"] * len(frame.columns)))
+    for row in frame.itertuples(index=False):
+        lines.append(_markdown_line([str(value).replace("|", r"\|") for value in row]))
+    return "\n".join(lines) + "\n"
+
+
+def _markdown_line(cells: list[str]) -> str:
+    return f"| {' | '.join(cells)} |"

@@ -1,4 +1,4 @@
-"""Where the numbers of a report come from, and what a reader should know before trusting them."""
+"""Reports the provenance of the trials, and what keeps a reader from trusting their numbers."""
 
 from collections.abc import Iterable, Sequence
 from typing import Any
@@ -7,80 +7,85 @@ from . import published
 from .cell_results import CellResults
 
 
-def trial_provenance(founds: Sequence[CellResults]) -> list[tuple[str, str]]:
-    """What produced the trials: commit, versions, machine, seeds, commands, wall time; (what, value) pairs."""
-    sources = [source for found in founds for source in found.sources]
+def trial_provenance(cells: Sequence[CellResults]) -> list[tuple[str, str]]:
+    """Returns names and values: commit, versions, machine, seeds, commands, wall time, ..."""
+    sources = [source for cell in cells for source in cell.sources]
     versions = [source.get("versions") or {} for source in sources]
-    packages = sorted({name for one in versions for name in one})
+    packages = sorted({name for packages in versions for name in packages})
+    package_versions = [
+        f"{name} {_distinct(packages.get(name) for packages in versions)}" for name in packages
+    ]
+    machines = [f"{source.get('processor')}, {source.get('platform')}" for source in sources]
+    devices = [source["device"] for source in sources if source.get("device")]
+    trials = sum(len(cell.rows) for cell in cells)
     return [
-        ("commit", _all(full_commit(source) for source in sources)),
-        (
-            "versions",
-            ", ".join(f"{name} {_all(one.get(name) for one in versions)}" for name in packages),
-        ),
-        (
-            "machine",
-            _all(f"{source.get('processor')}, {source.get('platform')}" for source in sources),
-        ),
-        ("seeds", _all(found.labels["seed"] for found in founds)),
-        ("device", _all(source["device"] for source in sources if source.get("device"))),
-        ("precision", _all(found.cell.config["precision"] for found in founds)),
-        ("trials", f"{sum(len(found.rows) for found in founds)} in {len(founds)} cells"),
+        ("commit", _distinct(full_commit(source) for source in sources)),
+        ("versions", ", ".join(package_versions)),
+        ("machine", _distinct(machines)),
+        ("seeds", _distinct(cell.labels["seed"] for cell in cells)),
+        ("device", _distinct(devices)),
+        ("precision", _distinct(cell.config["precision"] for cell in cells)),
+        ("trials", f"{trials} in {len(cells)} cells"),
         ("wall time", f"{_wall_time(sources) / 60:.1f} min of running trials"),
-        ("commands", _all(" ".join(source.get("command") or []) for source in sources)),
+        ("commands", _distinct(" ".join(source.get("command") or []) for source in sources)),
     ]
 
 
-def trial_warnings(founds: Sequence[CellResults]) -> list[str]:
-    """What should keep a reader from trusting the numbers as they are; one line each."""
-    sources = [source for found in founds for source in found.sources]
+def trial_warnings(cells: Sequence[CellResults]) -> list[str]:
+    """Returns one line per reason not to trust the numbers as they are."""
+    sources = [source for cell in cells for source in cell.sources]
     lines = []
-    for what, values in (
-        ("commits", {full_commit(source) for source in sources}),
-        (
-            "versions of jaxlib",
-            {(source.get("versions") or {}).get("jaxlib") for source in sources},
-        ),
-        ("devices", {source.get("device") for source in sources if source.get("device")}),
-        ("algorithm versions", {source.get("algorithm") for source in sources}),
-    ):
+
+    # Trials that do not belong together.
+    origins: dict[str, set[Any]] = {
+        "commits": {full_commit(source) for source in sources},
+        "versions of jaxlib": {(source.get("versions") or {}).get("jaxlib") for source in sources},
+        "devices": {source.get("device") for source in sources if source.get("device")},
+        "algorithm versions": {source.get("algorithm") for source in sources},
+    }
+    for name, values in origins.items():
         if len(values) > 1:
-            lines.append(f"The trials come from different {what}: {_all(values)}.")
+            lines.append(f"The trials come from different {name}: {_distinct(values)}.")
     if any(source.get("dirty") for source in sources):
         lines.append("Some trials were run from a checkout with uncommitted changes.")
-    few = [found for found in founds if found.wanted < published.TRIALS]
-    if few:
+
+    # Too few trials.
+    small = [cell for cell in cells if cell.wanted < published.PAPER_TRIALS]
+    if small:
         lines.append(
-            f"{few[0].wanted} trials a cell are fewer than the paper's {published.TRIALS}: the intervals are wide."
+            f"{small[0].wanted} trials per cell are fewer than the paper's "
+            f"{published.PAPER_TRIALS}: the intervals are wide."
         )
-    missing = [found for found in founds if found.missing > 0]
-    if missing:
+    incomplete = [cell for cell in cells if cell.missing > 0]
+    if incomplete:
+        missing = sum(cell.missing for cell in incomplete)
         lines.append(
-            f"{len(missing)} of {len(founds)} cells are incomplete: {sum(f.missing for f in missing)} trials missing."
+            f"{len(incomplete)} of {len(cells)} cells are incomplete: {missing} trials are missing."
         )
-    failed = sum(len(found.rows) - len(found.good) for found in founds)
+    failed = sum(len(cell.rows) - len(cell.good) for cell in cells)
     if failed:
-        lines.append(f"{failed} trials failed and are left out of every average.")
+        lines.append(f"{failed} trials failed; they are left out of every average.")
     return lines
 
 
 def full_commit(source: dict[str, Any]) -> str:
-    """The commit that made something, or the installed version."""
-    head = source.get("commit")
-    if head is None:
-        return f"installed package {(source.get('versions') or {}).get('mppi-belief', 'of unknown version')}"
-    return f"{head}{' with changes' if source.get('dirty') else ''}"
+    """Returns the commit of a provenance or, without one, the version of the installed package."""
+    commit = source.get("commit")
+    if commit is None:
+        version = (source.get("versions") or {}).get("mppi-belief", "of unknown version")
+        return f"installed package {version}"
+    return f"{commit}{' with changes' if source.get('dirty') else ''}"
 
 
-def _all(values: Iterable[Any]) -> str:
-    """Every distinct value once, in order."""
+def _distinct(values: Iterable[Any]) -> str:
+    """Returns every distinct value once, sorted."""
     return "; ".join(sorted({str(value) for value in values})) or "-"
 
 
 def _wall_time(sources: Sequence[dict[str, Any]]) -> float:
-    """Seconds from the start of each run to its last trial, over all runs."""
+    """Returns the seconds from the start of each run to its last trial, summed over all runs."""
     runs: dict[tuple[str, str], float] = {}
     for source in sources:
-        run = str(source.get("started")), str(source.get("command"))
+        run = (str(source.get("started")), str(source.get("command")))
         runs[run] = max(runs.get(run, 0.0), float(source.get("elapsed") or 0.0))
     return sum(runs.values())

@@ -1,4 +1,4 @@
-"""The report as one HTML file that needs nothing else: tables and figures, each with what it shows."""
+"""Renders the report as one HTML file that holds all tables and figures and loads nothing else."""
 
 import base64
 import re
@@ -15,27 +15,23 @@ from markupsafe import Markup, escape
 
 
 class Table(NamedTuple):
-    """Cells of text under a caption; `stem` names the files beside the page that hold it (csv, md, tex).
+    """Holds a table of text. The first column heads the rows; the frame's index is not shown."""
 
-    The first column heads the rows; the frame's index is not shown. `bold` are the cells that stand out,
-    by position: (row, column), from 0.
-    """
-
-    stem: str
+    stem: str  # of the files beside the page that hold the table: STEM.csv, STEM.md, STEM.tex
     caption: str
     frame: pd.DataFrame
-    bold: Collection[tuple[int, int]] = ()
+    bold: Collection[tuple[int, int]] = ()  # cells in bold by (row, column), counted from 0
 
 
 class Picture(NamedTuple):
-    """A picture beside the page, `file` a PNG (a PDF of the same stem beside it) or a GIF; `alt` says what is seen."""
+    """Holds a picture that lies beside the page."""
 
-    file: str
-    alt: str
+    file: str  # a PNG, with a PDF of the same stem beside it, or a GIF
+    alt: str  # describes what the picture shows; also its caption
 
 
 class Section(NamedTuple):
-    """One question: a sentence or two on what its tables and pictures show."""
+    """Holds one section of the page: what its tables and pictures show, in a few sentences."""
 
     title: str
     text: Sequence[str]  # paragraphs
@@ -44,18 +40,20 @@ class Section(NamedTuple):
 
 
 class Page(NamedTuple):
-    """The whole report."""
+    """Holds everything that the page shows."""
 
     title: str
     lead: str
     warnings: Sequence[str]
     sections: Sequence[Section]
-    provenance: Sequence[tuple[str, str]]  # what, value
+    provenance: Sequence[tuple[str, str]]  # pairs of a name and a value
 
 
 MEDIA = {".png": "image/png", ".gif": "image/gif"}
-PNG_SCALE = 1.4  # pixels of a PNG per pixel of the page: text of 7.5 points at 200 to the inch is as large as a table's
-PROSE = 28  # a text longer than this may break into lines
+PNG_SCALE = (
+    1.4  # PNG pixels per page pixel: makes 7.5 points at 200 dpi as large as the tables' text
+)
+PROSE_LENGTH = 28  # characters; a longer cell may break into lines
 BLANK = {"", "-", "\u2013", "\u2014", "n/a"}
 NUMBER = re.compile(
     r"[<>≤≥≈~]?\s*[-+\u2212±]?(\d[\d,]*\.?\d*|\.\d+|inf|nan)(e[-+\u2212]?\d+)?(?!\w)", re.IGNORECASE
@@ -63,11 +61,14 @@ NUMBER = re.compile(
 
 
 def render(page: Page, folder: Path) -> str:
-    """The page as HTML, the pictures of `folder` within it; the same page and files give the same text.
+    """Returns the page as HTML with the pictures of `folder` embedded.
 
-    All text is plain and escaped; in prose and captions, not in titles and cells, `code` stands in backticks.
-    A picture that is not in the folder becomes a note. The links to files beside the page are relative to the
-    folder, and are there for the files that exist. ValueError: a picture is neither PNG nor GIF.
+    The same page and files always give the same text. All text is plain and escaped. In prose and
+    captions, but not in titles and cells, backticks mark `code`. A picture that is absent from the
+    folder becomes a note. Links lead to those files beside the page that exist, relative to the
+    folder.
+
+    Raises ValueError for a picture that is neither PNG nor GIF.
     """
     environment = Environment(
         loader=PackageLoader("mppi_belief.report", ""),
@@ -76,66 +77,69 @@ def render(page: Page, folder: Path) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters.update(code=_code, plain=_plain)
+    environment.filters.update(code=_mark_code, plain=_without_backticks)
     return environment.get_template("page.html.jinja").render(
         page=page,
         anchors=_anchors(section.title for section in page.sections),
-        columns=_columns,
+        columns=_column_kinds,
         embed=partial(_embed, folder),
         picture_files=partial(_picture_files, folder),
         table_files=partial(_table_files, folder),
     )
 
 
-def _code(text: str) -> Markup:
-    """Escaped, with `code` in backticks as an element."""
+def _mark_code(text: str) -> Markup:
+    """Escapes a text and turns what stands in backticks into `code` elements."""
     return Markup(re.sub("`([^`]+)`", r"<code>\1</code>", str(escape(text))))
 
 
-def _plain(text: str) -> str:
-    """Without the backticks of `_code`, for attributes."""
+def _without_backticks(text: str) -> str:
+    """Removes the backticks around code, for attributes."""
     return re.sub("`([^`]+)`", r"\1", text)
 
 
 def _anchors(titles: Iterable[str]) -> list[str]:
-    """An id for every title, made of its ASCII letters and digits."""
-    anchors = ["provenance", "warnings"]
+    """Returns a distinct id per title, made of its ASCII letters and digits."""
+    reserved = ["provenance", "warnings"]
+    anchors = list(reserved)
     for title in titles:
         ascii_title = (
             unicodedata.normalize("NFKD", title).encode("ascii", "ignore").decode().lower()
         )
-        stem = anchor = re.sub("[^a-z0-9]+", "-", ascii_title).strip("-") or "section"
+        stem = re.sub("[^a-z0-9]+", "-", ascii_title).strip("-") or "section"
+        anchor = stem
         count = 1
         while anchor in anchors:
             count += 1
             anchor = f"{stem}-{count}"
         anchors.append(anchor)
-    return anchors[2:]
+    return anchors[len(reserved) :]
 
 
-def _columns(frame: pd.DataFrame) -> list[tuple[str, str]]:
-    """Name and kind of every column: "number" (to the right), "prose" (may break) or "word"."""
+def _column_kinds(frame: pd.DataFrame) -> list[tuple[str, str]]:
+    """Returns name and kind of each column: "number" (right-aligned), "prose" or "word"."""
     cells = frame.astype(str).to_numpy()
     return [(str(name), _kind(cells[:, index])) for index, name in enumerate(frame.columns)]
 
 
 def _kind(cells: Iterable[str]) -> str:
+    """Returns the kind of a column from the texts of its cells."""
     filled = [cell for cell in cells if cell.strip() not in BLANK]
     if filled and all(NUMBER.match(cell.strip()) for cell in filled):
         return "number"
-    return "prose" if any(len(cell) > PROSE for cell in filled) else "word"
+    return "prose" if any(len(cell) > PROSE_LENGTH for cell in filled) else "word"
 
 
 class _Embedded(NamedTuple):
-    """A picture as a data URI, and the size to show it at in px, 0 where it is its own."""
+    """Holds a picture as a data URI."""
 
     uri: str
-    width: int
-    height: int
+    width: int  # px at which it is shown, 0 for its own size
+    height: int  # px, likewise
 
 
 def _embed(folder: Path, picture: Picture) -> _Embedded | None:
-    """The picture within the page, None where there is none."""
+    """Reads a picture; returns None where there is no such file."""
     path = folder / picture.file
     media = MEDIA.get(path.suffix.lower())
     if media is None:
@@ -144,22 +148,24 @@ def _embed(folder: Path, picture: Picture) -> _Embedded | None:
         return None
     data = path.read_bytes()
     header = data[16:24] if media == "image/png" else b""  # width and height, big-endian
-    width, height = (round(int.from_bytes(part) / PNG_SCALE) for part in (header[:4], header[4:]))
+    width = round(int.from_bytes(header[:4]) / PNG_SCALE)
+    height = round(int.from_bytes(header[4:]) / PNG_SCALE)
     return _Embedded(f"data:{media};base64,{base64.b64encode(data).decode()}", width, height)
 
 
 def _picture_files(folder: Path, picture: Picture) -> list[tuple[str, str]]:
-    return _files(
-        folder, picture.file.removesuffix(PurePath(picture.file).suffix), ("png", "gif", "pdf")
-    )
+    """Returns the links to the files of a picture."""
+    stem = picture.file.removesuffix(PurePath(picture.file).suffix)
+    return _existing_files(folder, stem, ("png", "gif", "pdf"))
 
 
 def _table_files(folder: Path, table: Table) -> list[tuple[str, str]]:
-    return _files(folder, table.stem, ("csv", "md", "tex"))
+    """Returns the links to the files of a table."""
+    return _existing_files(folder, table.stem, ("csv", "md", "tex"))
 
 
-def _files(folder: Path, stem: str, suffixes: Iterable[str]) -> list[tuple[str, str]]:
-    """Name and relative address of those files that exist."""
+def _existing_files(folder: Path, stem: str, suffixes: Iterable[str]) -> list[tuple[str, str]]:
+    """Returns name and relative address of those files that exist."""
     return [
         (suffix.upper(), quote(f"{stem}.{suffix}"))
         for suffix in suffixes

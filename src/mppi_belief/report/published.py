@@ -1,49 +1,49 @@
-"""What the paper prints of its experiments (Sec. VII), the numbers a reproduction is held against."""
+"""The numbers that the paper prints of its experiments (Sec. VII), to compare ours with."""
 
 from typing import NamedTuple
 
-TRIALS = 200  # Monte Carlo trials behind every number
-HORIZON = 30
+PAPER_TRIALS = 200  # Monte Carlo trials behind every number
+PAPER_HORIZON = 30  # steps
 
 
-class Row(NamedTuple):
-    """A row of Table I: mean and standard deviation of the cost, collisions among `TRIALS`, ms per step."""
+class PublishedRow(NamedTuple):
+    """Holds a row of Table I."""
 
-    cost: float
-    spread: float
-    collisions: int
-    time: float
+    cost: float  # mean
+    spread: float  # standard deviation of the cost
+    collisions: int  # trials that collide, of `PAPER_TRIALS`
+    time: float  # ms per control step
 
 
 TABLE_1 = {
-    "ilqg": Row(46.1, 6.2, 49, 148),
-    "ce": Row(50.5, 6.2, 46, 13),
-    "pipf": Row(47.6, 5.5, 36, 296),
-    "belief": Row(56.5, 5.2, 0, 18),
+    "ilqg": PublishedRow(46.1, 6.2, 49, 148),
+    "ce": PublishedRow(50.5, 6.2, 46, 13),
+    "pipf": PublishedRow(47.6, 5.5, 36, 296),
+    "belief": PublishedRow(56.5, 5.2, 0, 18),
 }
 
 
-class Sweep(NamedTuple):
-    """What the text says of one theta; None where it says nothing."""
+class PublishedTheta(NamedTuple):
+    """Holds what the text says of one theta; None where it says nothing."""
 
-    collision_rate: tuple[float, float]  # lowest and highest that the text allows
+    collision_rate: tuple[float, float]  # lowest and highest rate that the text allows
     clearance: float | None = None  # m
     cost: float | None = None
 
 
-THETA = {
-    0.0: Sweep((0.23, 0.23), 0.11, 51.3),
-    0.5: Sweep((0.025, 0.025), 0.80),
-    1.0: Sweep((0.0, 0.0), 0.82, 56.6),
-    2.0: Sweep((0.005, 0.015)),
-    5.0: Sweep((0.005, 0.015)),
+PAPER_THETA = {
+    0.0: PublishedTheta((0.23, 0.23), 0.11, 51.3),
+    0.5: PublishedTheta((0.025, 0.025), 0.80),
+    1.0: PublishedTheta((0.0, 0.0), 0.82, 56.6),
+    2.0: PublishedTheta((0.005, 0.015)),
+    5.0: PublishedTheta((0.005, 0.015)),
 }
 
-TABLE_1_THETA = 1.0  # of MPPI-Belief in Table I
+TABLE_1_THETA = 1.0  # theta of MPPI-Belief in Table I
 
 BASELINES = ("ilqg", "ce", "pipf")
 BASELINE_RANGE = (0.11, 0.33)  # collision rates of the baselines at every w_obs in [1e2, 1e4]
-BELIEF_BELOW = {500.0: 0.01, 2500.0: 0.0}  # the rate of MPPI-Belief from this w_obs on
+BELIEF_BELOW = {500.0: 0.01, 2500.0: 0.0}  # the highest rate of MPPI-Belief from this w_obs on
 
 RESIDUAL = 0.79  # epsilon*, the optimised matching residual
 
@@ -58,4 +58,4 @@ OPEN = {
     "cost.bump_width": "width of the obstacle penalty (m)",
     "cost.w_obs": "obstacle weight (1/s)",
     "controller.control_std": "spread of sampled controls (m/s^2)",
-}  # what the paper does not give
+}  # keys of the configuration whose values the paper does not give, with their meaning

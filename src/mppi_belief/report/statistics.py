@@ -1,110 +1,164 @@
-"""Intervals on what trials show, and on differences between two methods that met the same noise."""
+"""Intervals on averages and on paired differences, and z of our numbers against published ones.
 
+A z is the difference of two numbers in standard errors of that difference. Both numbers are Monte
+Carlo estimates: the published one from `published.PAPER_TRIALS` trials, ours from as many as were
+run. For a mean and a standard deviation, z is the difference divided by its standard error (for the
+standard deviation that of normal samples). For a proportion, z is the signed root of the likelihood
+ratio of "two rates" against "one rate", which holds where one of the rates is zero.
+"""
+
+import math
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import betaincinv, chdtri, stdtrit
+from scipy.special import betaincinv, chdtri, stdtrit, xlogy
 
-RESAMPLES = 9999
+RESAMPLES = 9999  # of the bootstrap
 
 
 class Estimate(NamedTuple):
-    """A value with its confidence interval."""
+    """Holds a value with its confidence interval; NaN stands for a part that does not exist."""
 
     value: float
     low: float
     high: float
 
     def times(self, factor: float) -> "Estimate":
-        """In another unit."""
+        """Converts to another unit: multiplies the value and both ends by `factor`."""
         return Estimate(*(factor * part for part in self))
 
 
-NO_ESTIMATE = Estimate(float("nan"), float("nan"), float("nan"))
+NO_ESTIMATE = Estimate(math.nan, math.nan, math.nan)
 
 
 def mean_interval(values: np.ndarray, level: float = 0.95) -> Estimate:
-    """Sample mean with Student's t interval; an interval of NaN for fewer than two values."""
+    """Returns the sample mean of values (n,) with Student's t interval.
+
+    The interval is NaN for fewer than two values and where a value is not finite.
+    """
     values = np.asarray(values, dtype=float)
     if len(values) == 0 or not np.all(np.isfinite(values)):
-        return NO_ESTIMATE._replace(value=float(np.mean(values)) if len(values) else float("nan"))
+        return NO_ESTIMATE._replace(value=float(np.mean(values)) if len(values) else math.nan)
     center = float(np.mean(values))
     if len(values) == 1:
         return NO_ESTIMATE._replace(value=center)
-    half = float(
-        stdtrit(len(values) - 1, (1 + level) / 2) * np.std(values, ddof=1) / np.sqrt(len(values))
-    )
-    return Estimate(center, center - half, center + half)
+    quantile = stdtrit(len(values) - 1, (1 + level) / 2)
+    half_width = float(quantile * np.std(values, ddof=1) / np.sqrt(len(values)))
+    return Estimate(center, center - half_width, center + half_width)
 
 
 def chi_square_band(freedom: float, level: float = 0.95) -> Estimate:
-    """Where the mean of so many squared standard normals lies with that probability, around its expectation 1."""
-    low, high = (
-        float(chdtri(freedom, tail)) / freedom for tail in ((1 + level) / 2, (1 - level) / 2)
-    )
+    """Returns the band in which the mean of `freedom` squared standard normals lies.
+
+    It does so with probability `level`.
+
+    The value of the estimate is the expectation of that mean, 1.
+    """
+    tails = ((1 + level) / 2, (1 - level) / 2)
+    low, high = (float(chdtri(freedom, tail)) / freedom for tail in tails)
     return Estimate(1.0, low, high)
 
 
 def proportion_interval(successes: int, trials: int, level: float = 0.95) -> Estimate:
-    """Proportion with the exact interval of Clopper and Pearson (1934)."""
+    """Returns a proportion with the exact interval of Clopper and Pearson (1934)."""
     if trials == 0:
         return NO_ESTIMATE
-    tail, failures = (1 - level) / 2, trials - successes
+    tail = (1 - level) / 2
+    failures = trials - successes
     low = float(betaincinv(successes, failures + 1, tail)) if successes else 0.0
     high = float(betaincinv(successes + 1, failures, 1 - tail)) if failures else 1.0
     return Estimate(successes / trials, low, high)
 
 
 def paired_mean_difference(first: np.ndarray, second: np.ndarray, level: float = 0.95) -> Estimate:
-    """Mean of first - second over pairs (n,), with the bias-corrected accelerated bootstrap interval
-    (Efron 1987); NaN for fewer than three pairs, no width where all pairs differ alike."""
-    from scipy.stats import bootstrap  # half a second to import
+    """Returns the mean of first - second over pairs (n,), with its bootstrap interval.
+
+    The interval is the bias-corrected and accelerated one (Efron 1987). It is NaN for fewer than
+    three pairs, and has no width where all pairs differ by the same amount.
+    """
+    from scipy.stats import bootstrap  # takes half a second to import
 
     difference = np.asarray(first, dtype=float) - np.asarray(second, dtype=float)
-    value = float(np.mean(difference)) if len(difference) else float("nan")
+    value = float(np.mean(difference)) if len(difference) else math.nan
     if len(difference) < 3:
         return NO_ESTIMATE._replace(value=value)
     if np.ptp(difference) == 0:
         return Estimate(value, value, value)
-    found = bootstrap(
+    result = bootstrap(
         (difference,),
         np.mean,
         confidence_level=level,
         n_resamples=RESAMPLES,
         rng=np.random.default_rng(0),
     )
-    return Estimate(
-        value, float(found.confidence_interval.low), float(found.confidence_interval.high)
-    )
+    interval = result.confidence_interval
+    return Estimate(value, float(interval.low), float(interval.high))
 
 
 def paired_rate_difference(
     first: np.ndarray, second: np.ndarray, level: float = 0.95
 ) -> tuple[Estimate, float]:
-    """Rate of first - rate of second over pairs of bool (n,), and the p-value of McNemar's exact test.
+    """Returns the difference of two rates over pairs of bool (n,), and McNemar's exact p-value.
 
-    The difference is (2 s - 1) d, with d the part of the pairs that differ and s the part of those in which only
-    the first is true. The interval spans what it can be over the exact intervals of both, so it leaves out
-    zero where the test rejects, and covers at least as often as it says (measured: 0.97 and more for 0.95).
+    The difference is (2 s - 1) d, with d the part of the pairs that differ and s the part of those
+    in which only the first is true. The interval spans the values of this product over the exact
+    intervals of both factors. It therefore excludes zero where the test rejects, and covers at
+    least as often as its level says (measured: 0.97 and more for 0.95).
     """
-    first, second = np.asarray(first, dtype=bool), np.asarray(second, dtype=bool)
-    n, only_first, only_second = (
-        len(first),
-        int(np.sum(first & ~second)),
-        int(np.sum(second & ~first)),
-    )
+    first = np.asarray(first, dtype=bool)
+    second = np.asarray(second, dtype=bool)
+    pairs = len(first)
+    only_first = int(np.sum(first & ~second))
+    only_second = int(np.sum(second & ~first))
     differ = only_first + only_second
-    if n == 0:
-        return NO_ESTIMATE, float("nan")
-    often = proportion_interval(differ, n, level)
-    share = proportion_interval(only_first, differ, level) if differ else Estimate(0.5, 0.0, 1.0)
-    ends = [(2 * s - 1) * d for s in share[1:] for d in often[1:]]
-    p = _sign_test(only_first, only_second) if differ else 1.0
-    return Estimate((only_first - only_second) / n, min(ends), max(ends)), p
+    if pairs == 0:
+        return NO_ESTIMATE, math.nan
+
+    # The extremes of (2 s - 1) d over the intervals of d and s.
+    d = proportion_interval(differ, pairs, level)
+    s = proportion_interval(only_first, differ, level) if differ else Estimate(0.5, 0.0, 1.0)
+    corners = np.outer([2 * s.low - 1, 2 * s.high - 1], [d.low, d.high])
+    difference = (only_first - only_second) / pairs
+    p_value = _sign_test(only_first, only_second) if differ else 1.0
+    return Estimate(difference, float(corners.min()), float(corners.max())), p_value
 
 
 def _sign_test(wins: int, losses: int) -> float:
-    """Two-sided p of wins against losses under even odds."""
+    """Returns the two-sided p-value of wins against losses under even odds."""
     from scipy.stats import binomtest
 
     return float(binomtest(wins, wins + losses).pvalue)
+
+
+def mean_z(
+    mean: float, sd: float, n: int, published_mean: float, published_sd: float, published_n: int
+) -> float:
+    """Returns z of a mean against a published mean, NaN where neither has a spread."""
+    error = math.sqrt(sd**2 / n + published_sd**2 / published_n)
+    return (mean - published_mean) / error if error else math.nan
+
+
+def spread_z(sd: float, n: int, published_sd: float, published_n: int) -> float:
+    """Returns z of a standard deviation against a published one, NaN where both are zero.
+
+    The variance of a standard deviation s of n normal samples is s^2 / (2 (n - 1)).
+    """
+    error = math.sqrt(sd**2 / (2 * (n - 1)) + published_sd**2 / (2 * (published_n - 1)))
+    return (sd - published_sd) / error if error else math.nan
+
+
+def proportion_z(hits: float, n: int, published_hits: float, published_n: int) -> float:
+    """Returns z of the proportion hits / n against the published one."""
+    rate = hits / n
+    published_rate = published_hits / published_n
+    pooled = (hits + published_hits) / (n + published_n)
+    gain = _log_likelihood(hits, n, rate)
+    gain += _log_likelihood(published_hits, published_n, published_rate)
+    gain -= _log_likelihood(hits, n, pooled)
+    gain -= _log_likelihood(published_hits, published_n, pooled)
+    return math.copysign(math.sqrt(max(2 * gain, 0.0)), rate - published_rate)
+
+
+def _log_likelihood(hits: float, n: int, rate: float) -> float:
+    """Returns the log likelihood of `hits` among `n` at this rate, without its constant."""
+    return float(xlogy(hits, rate) + xlogy(n - hits, 1 - rate))

@@ -1,4 +1,4 @@
-"""One line a cell: what its trials show, as numbers and as text."""
+"""Summarises the trials of a cell as numbers and as one line of text."""
 
 import math
 from collections.abc import Sequence
@@ -11,26 +11,27 @@ from .statistics import Estimate, mean_interval, proportion_interval
 
 
 class TrialSummary(NamedTuple):
-    """Trials that failed are counted and left out of every average. Clearance in m, times in ms per control step."""
+    """Holds what the trials of a cell show; averages leave out the trials that failed."""
 
-    trials: int
+    trials: int  # with the failed ones
     failed: int
-    cost: Estimate
-    sd: float
-    collisions: int
-    collided: Estimate
-    clearance: Estimate
-    ess: float
-    time: float
-    time_p95: float
+    cost: Estimate  # mean
+    sd: float  # standard deviation of the cost over trials
+    collisions: int  # trials that collide
+    collided: Estimate  # part of the good trials that collides
+    clearance: Estimate  # mean, m
+    ess: float  # mean effective sample size
+    time: float  # median of a control step, ms
+    time_p95: float  # 95th percentile of a control step, ms
 
     @property
     def good(self) -> int:
+        """The number of trials that did not fail."""
         return self.trials - self.failed
 
 
 def summarise_trials(rows: pd.DataFrame, seconds: Sequence[float] | None) -> TrialSummary:
-    """What rows of trials and wall times (s) of control steps show."""
+    """Summarises rows of trials and wall times (s) of single control steps."""
     good = rows[rows["status"] == "ok"]
     collisions = int(good["collided"].astype(bool).sum())
     return TrialSummary(
@@ -50,37 +51,41 @@ def summarise_trials(rows: pd.DataFrame, seconds: Sequence[float] | None) -> Tri
 def summary_text(
     rows: pd.DataFrame, labels: dict[str, Any], seconds: Sequence[float] | None
 ) -> dict[str, str]:
-    """The columns of one line, as text."""
-    found = summarise_trials(rows, seconds)
+    """Returns the labels and the summary of a cell as the columns of one line of text."""
+    summary = summarise_trials(rows, seconds)
+    trials = str(summary.trials)
     line = {name: label_text(value) for name, value in labels.items()}
-    line["trials"] = (
-        f"{found.trials} ({found.failed} failed)" if found.failed else str(found.trials)
-    )
-    line["cost [95 %]"] = interval_text(found.cost, 2)
-    line["sd"] = f"{found.sd:.2f}"
-    line["collided % [95 %]"] = interval_text(found.collided.times(100), 1)
-    line["clearance m [95 %]"] = interval_text(found.clearance, 3)
-    line["ESS"] = "-" if math.isnan(found.ess) else f"{found.ess:.1f}"
+    line["trials"] = f"{trials} ({summary.failed} failed)" if summary.failed else trials
+    line["cost [95 %]"] = interval_text(summary.cost, 2)
+    line["sd"] = f"{summary.sd:.2f}"
+    line["collided % [95 %]"] = interval_text(summary.collided.times(100), 1)
+    line["clearance m [95 %]"] = interval_text(summary.clearance, 3)
+    line["ESS"] = "-" if math.isnan(summary.ess) else f"{summary.ess:.1f}"
     if seconds:
-        line["ms/step (p95)"] = f"{found.time:.2f} ({found.time_p95:.2f})"
+        line["ms/step (p95)"] = f"{summary.time:.2f} ({summary.time_p95:.2f})"
     return line
 
 
 def summary_numbers(
     rows: pd.DataFrame, labels: dict[str, Any], seconds: Sequence[float] | None
 ) -> dict[str, Any]:
-    """The same for a machine: an estimate is three columns, NAME, NAME_low, NAME_high."""
+    """Returns the labels and the summary of a cell in full precision.
+
+    An estimate takes three columns: NAME, NAME_low, NAME_high.
+    """
     line = dict(labels)
     for name, value in summarise_trials(rows, seconds)._asdict().items():
-        if isinstance(value, Estimate):
-            line |= {name: value.value, f"{name}_low": value.low, f"{name}_high": value.high}
-        else:
-            line[name] = value
+        line |= estimate_columns(name, value) if isinstance(value, Estimate) else {name: value}
     return line
 
 
+def estimate_columns(name: str, estimate: Estimate) -> dict[str, float]:
+    """Returns an estimate as the three columns NAME, NAME_low, NAME_high."""
+    return {name: estimate.value, f"{name}_low": estimate.low, f"{name}_high": estimate.high}
+
+
 def interval_text(estimate: Estimate, digits: int) -> str:
-    """ "value [low, high]", the value alone where there is no interval, "-" where there is no value."""
+    """Returns "value [low, high]", "value" without an interval, or "-" without a value."""
     if not np.isfinite(estimate.value):
         return "-"
     value, low, high = (f"{part:.{digits}f}" for part in estimate)
@@ -88,12 +93,12 @@ def interval_text(estimate: Estimate, digits: int) -> str:
 
 
 def label_text(value: Any) -> str:
-    """A label: numbers in short, "-" where a method has no such setting."""
+    """Returns the text of a label: a number in short, "-" where a method has no such setting."""
     if isinstance(value, float):
         return "-" if np.isnan(value) else f"{value:g}"
     return str(value)
 
 
 def aligned_text(lines: Sequence[dict[str, str]]) -> str:
-    """The lines as a table with aligned columns."""
+    """Returns the lines as a table with aligned columns."""
     return str(pd.DataFrame(list(lines)).fillna("-").to_string(index=False))

@@ -1,4 +1,4 @@
-"""The figures of a report, from results alone: those of the paper (Sec. VII), and what goes on inside."""
+"""The figures of a report, drawn from results alone: those of Sec. VII, and diagnostics."""
 
 from .animation import write_animation
 from .certificate_panels import certificate_figure

@@ -1,4 +1,4 @@
-"""Quality per time: cost and collisions against the time of a step and the number of sampled paths."""
+"""Draws cost and collisions against time per step and number of sampled paths, by method."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -15,98 +15,88 @@ from ..statistics import Estimate
 from .points import collision_rate, dodge, draw_estimates, mean_of, step_time
 from .style import COLUMN, STYLE, method_look, method_order
 
+Estimator = Callable[[CellResults], Estimate]
 
-def quality_figure(founds: Sequence[CellResults]) -> Figure | None:
-    """Cost (top) and collision rate (%) against ms per step (left) and sampled paths per step, with 95 % intervals.
 
-    A line a method through its settings, whose values stand at the points on the left; a method that samples
-    nothing is not on the right, a cell without times not on the left. None without trials.
+def quality_figure(cells: Sequence[CellResults]) -> Figure | None:
+    """Draws cost (top) and collision rate (%) with 95 % intervals, one line per method.
+
+    Left: against ms per step, with the setting at each point; cells without times are left out.
+    Right: against sampled paths per step; methods that sample none are left out. None without
+    trials.
     """
-    there = by_method([found for found in founds if len(found.good)])
-    methods = {method: there[method] for method in sorted(there, key=method_order)}
+    groups = by_method([cell for cell in cells if len(cell.good)])
+    methods = sorted(groups, key=method_order)
     if not methods:
         return None
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(2 * COLUMN, 4.6), layout="constrained")
         panels = figure.subplots(2, 2, sharex="col", sharey="row")
         for row, estimate in zip(panels, (mean_of("cost"), collision_rate), strict=True):
-            for index, (method, cells) in enumerate(methods.items()):
-                times = [step_time(found).value for found in cells]
-                paths = dodge(
-                    [found.samples or math.nan for found in cells], index, len(methods), ratio=1.06
-                )
-                _line(row[0], times, cells, estimate, label=_title(method, cells))
-                _line(row[1], paths, cells, estimate)
-                _name_points(
-                    row[0],
-                    times,
-                    [estimate(found).value for found in cells],
-                    cells,
-                    above=index == 0,
-                )
-        _axes(panels)
-        figure.legend(
-            *panels[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=4
-        )
+            for index, method in enumerate(methods):
+                group = groups[method]
+                times = [step_time(cell).value for cell in group]
+                numbers = [cell.samples or math.nan for cell in group]
+                paths = dodge(numbers, index, len(methods), ratio=1.06)
+                _draw_method(row[0], times, group, estimate, label=_legend_text(method, group))
+                _draw_method(row[1], paths, group, estimate)
+                _annotate_settings(row[0], times, group, estimate, above=index == 0)
+        _label_quality_axes(panels)
+        handles, labels = panels[0, 0].get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside lower center", ncols=4)
         return figure
 
 
-def _line(
+def _draw_method(
     axes: Axes,
     x: Sequence[float],
     cells: Sequence[CellResults],
-    estimate: Callable[[CellResults], Estimate],
+    estimate: Estimator,
     label: str = "",
 ) -> None:
-    """The cells of one method that have an x."""
-    there = [(at, estimate(found)) for at, found in zip(x, cells, strict=True) if math.isfinite(at)]
-    draw_estimates(
-        axes,
-        [at for at, _ in there],
-        [value for _, value in there],
-        method_look(cells[0].method),
-        label=label,
-    )
+    """Draws the cells of one method at those x that are finite."""
+    pairs = [pair for pair in zip(x, cells, strict=True) if math.isfinite(pair[0])]
+    estimates = [estimate(cell) for _, cell in pairs]
+    look = method_look(cells[0].method)
+    draw_estimates(axes, [position for position, _ in pairs], estimates, look, label=label)
 
 
-def _title(method: str, cells: Sequence[CellResults]) -> str:
-    """The method, and what the values at its points are."""
-    keys = [name.rpartition(".")[2] for name in differing_labels(cells)[0]]
-    return ": ".join([METHOD_NAMES.get(method, method), *([", ".join(keys)] if keys else [])])
+def _legend_text(method: str, cells: Sequence[CellResults]) -> str:
+    """Returns the name of a method and the settings that the texts at its points give."""
+    name = METHOD_NAMES.get(method, method)
+    keys = [key.rpartition(".")[2] for key in differing_labels(cells)[0]]
+    return f"{name}: {', '.join(keys)}" if keys else name
 
 
-def _name_points(
-    axes: Axes, x: Sequence[float], y: Sequence[float], cells: Sequence[CellResults], *, above: bool
+def _annotate_settings(
+    axes: Axes, x: Sequence[float], cells: Sequence[CellResults], estimate: Estimator, above: bool
 ) -> None:
-    """The values of what tells the cells of one method apart, beside their points."""
-    style: Any = {
-        "color": method_look(cells[0].method).colour,
-        "fontsize": 7,
-        "va": "center",
-        "zorder": 1,
-    }  # below the data
-    for at, value, setting in zip(x, y, differing_labels(cells), strict=True):
-        if math.isfinite(at) and math.isfinite(value):
-            offset = (4, 6 if above else -6)  # points
+    """Writes the settings in which the cells of one method differ beside their points."""
+    style: Any = {"color": method_look(cells[0].method).colour, "fontsize": 7, "va": "center"}
+    offset = (4, 6 if above else -6)  # points
+    for position, cell, labels in zip(x, cells, differing_labels(cells), strict=True):
+        value = estimate(cell).value
+        if math.isfinite(position) and math.isfinite(value):
             axes.annotate(
-                ", ".join(setting.values()),
-                (at, value),
+                ", ".join(labels.values()),
+                (position, value),
                 offset,
                 textcoords="offset points",
+                zorder=1,  # below the data
                 **style,
             )
 
 
-def _axes(panels: np.ndarray) -> None:
-    """Logarithmic axes of time, samples and cost with plain numbers; an axis without data stays as it is."""
+def _label_quality_axes(panels: np.ndarray) -> None:
+    """Labels the axes: time, samples and cost logarithmic; an axis without data stays linear."""
     panels[0, 0].set(ylabel="cost", yscale="log")
     panels[0, 0].yaxis.set_major_locator(MaxNLocator(8))
     panels[1, 0].set(ylabel="trials that collide (%)", xlabel="median ms per step")
     panels[1, 1].set_xlabel("sampled paths per step")
-    used = [axes for axes in panels[0] if math.isfinite(axes.dataLim.minposx)]
-    for axes in used:
+    with_data = [axes for axes in panels[0] if math.isfinite(axes.dataLim.minposx)]
+    for axes in with_data:
         axes.set_xscale("log")
         axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-    for axis in (panels[0, 0].yaxis, *(axes.xaxis for axes in used)):
+    for axis in (panels[0, 0].yaxis, *(axes.xaxis for axes in with_data)):
         axis.set_minor_locator(NullLocator())
         axis.set_major_formatter("{x:g}")

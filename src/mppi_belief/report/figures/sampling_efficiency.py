@@ -1,8 +1,10 @@
-"""Where paths are sampled: cost and effective sample size against the time of a step."""
+"""Draws cost and effective sample size against time per step, by the policy that samples."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import matplotlib as mpl
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
@@ -10,62 +12,66 @@ from ..cell_results import METHOD_NAMES, CellResults
 from .points import draw_estimates, mean_of, step_time
 from .style import COLUMN, STYLE, method_look, method_order
 
-KEY = "controller.proposal"
+PROPOSAL_KEY = "controller.proposal"
+PROPOSAL_STYLES: dict[str, Any] = {"laplace": {"ls": "-"}, "nominal": {"ls": ":", "mfc": "white"}}
 
 
-def proposals_figure(founds: Sequence[CellResults]) -> Figure | None:
-    """Cost (left) and effective sample size (right) against ms per step, with 95 % intervals.
+def proposals_figure(cells: Sequence[CellResults]) -> Figure | None:
+    """Draws cost (left) and effective sample size (right) against ms per step, with 95 % intervals.
 
-    A line a method and proposal through its numbers of samples: full marks and lines for the Laplace proposal, hollow
-    and dotted for the nominal. None without times.
+    One line per method and proposal runs through its numbers of samples, with full marks for the
+    Laplace proposal and hollow, dotted ones for the nominal. None without times.
     """
-    there = [found for found in founds if len(found.good) and found.seconds and KEY in found.labels]
-    if not there:
+    shown = [cell for cell in cells if len(cell.good) and cell.seconds]
+    shown = [cell for cell in shown if PROPOSAL_KEY in cell.labels]
+    if not shown:
         return None
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(2 * COLUMN, 2.5), layout="constrained")
         panels = figure.subplots(1, 2)
-        for method in sorted({found.method for found in there}, key=method_order):
-            for proposal, more in {
-                "laplace": {"ls": "-"},
-                "nominal": {"ls": ":", "mfc": "white"},
-            }.items():
-                cells = [
-                    one for one in there if (one.method, one.labels[KEY]) == (method, proposal)
-                ]
-                cells.sort(key=lambda one: one.samples or 0)
-                times = [step_time(one).value for one in cells]
-                for axes, column in zip(panels, ("cost", "ess"), strict=True):
-                    label = f"{METHOD_NAMES.get(method, method)}, {proposal}"
-                    draw_estimates(
-                        axes,
-                        times,
-                        [mean_of(column)(one) for one in cells],
-                        method_look(method),
-                        label=label,
-                        **more,
-                    )
-                for time, one in zip(times, cells, strict=True):
-                    at, below = (time, mean_of("cost")(one).value), proposal == "laplace"
-                    panels[0].annotate(
-                        str(one.samples),
-                        at,
-                        (0, -9 if below else 4),
-                        textcoords="offset points",
-                        size=6,
-                        ha="center",
-                    )
-        panels[0].set(xscale="log", yscale="log", ylabel="cost", xlabel="ms per step")
-        panels[0].yaxis.set_major_locator(LogLocator(subs=(1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0)))
-        panels[0].yaxis.set_major_formatter("{x:g}")
-        panels[0].yaxis.set_minor_formatter(NullFormatter())
-        panels[0].margins(y=0.12)
-        panels[1].set(
-            xscale="log", yscale="log", ylabel="effective sample size", xlabel="ms per step"
-        )
-        for axes in panels:
-            axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-            axes.xaxis.set_major_formatter("{x:g}")
-            axes.xaxis.set_minor_formatter(NullFormatter())
-        figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
+        for method in sorted({cell.method for cell in shown}, key=method_order):
+            for proposal in PROPOSAL_STYLES:
+                key = (method, proposal)
+                curve = [cell for cell in shown if (cell.method, cell.labels[PROPOSAL_KEY]) == key]
+                _draw_proposal(panels, sorted(curve, key=_samples), method, proposal)
+        _label_proposal_axes(panels)
+        handles, labels = panels[0].get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside lower center", ncols=4)
         return figure
+
+
+def _samples(cell: CellResults) -> int:
+    return cell.samples or 0
+
+
+def _draw_proposal(
+    panels: Sequence[Axes], curve: Sequence[CellResults], method: str, proposal: str
+) -> None:
+    """Draws the cells of one method and proposal in both panels, with the numbers of samples."""
+    times = [step_time(cell).value for cell in curve]
+    label = f"{METHOD_NAMES.get(method, method)}, {proposal}"
+    for axes, column in zip(panels, ("cost", "ess"), strict=True):
+        estimates = [mean_of(column)(cell) for cell in curve]
+        style = PROPOSAL_STYLES[proposal]
+        draw_estimates(axes, times, estimates, method_look(method), label=label, **style)
+
+    offset = (0, -9 if proposal == "laplace" else 4)  # points
+    for time, cell in zip(times, curve, strict=True):
+        point = (time, mean_of("cost")(cell).value)
+        panels[0].annotate(
+            str(cell.samples), point, offset, textcoords="offset points", size=6, ha="center"
+        )
+
+
+def _label_proposal_axes(panels: Sequence[Axes]) -> None:
+    """Labels the axes, all logarithmic with plain numbers."""
+    panels[0].set(xscale="log", yscale="log", ylabel="cost", xlabel="ms per step")
+    panels[0].yaxis.set_major_locator(LogLocator(subs=(1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0)))
+    panels[0].yaxis.set_major_formatter("{x:g}")
+    panels[0].yaxis.set_minor_formatter(NullFormatter())
+    panels[0].margins(y=0.12)
+    panels[1].set(xscale="log", yscale="log", ylabel="effective sample size", xlabel="ms per step")
+    for axes in panels:
+        axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axes.xaxis.set_major_formatter("{x:g}")
+        axes.xaxis.set_minor_formatter(NullFormatter())

@@ -1,6 +1,7 @@
-"""How figures look and how they are written: one colour, marker and line per method, files written whole or not at all.
+"""Defines how figures look, one colour, marker and line per method, and writes them atomically.
 
-Colours are those of Okabe and Ito, safe for colour blindness; vermillion is kept for collisions.
+The colours are those of Okabe and Ito, which are safe for colour blindness; vermillion is reserved
+for collisions.
 """
 
 from functools import partial
@@ -12,16 +13,22 @@ from matplotlib.figure import Figure
 
 from ...results.files import write_whole
 
-BLUE, ORANGE, GREEN, INK, GREY = "#0072B2", "#D55E00", "#009E73", "#222222", "#777777"
-COLUMN = 3.5  # inches, the column of a two-column paper
-DPI = 200
+BLUE = "#0072B2"
+ORANGE = "#D55E00"  # vermillion, for collisions only
+GREEN = "#009E73"
+INK = "#222222"
+GREY = "#777777"
+COLUMN = 3.5  # inches, the width of a column in a two-column paper
+DPI = 200  # of every PNG
 
+# Larger pictures, for the screen.
 SCREEN: Any = {
     "font.size": 9,
     "axes.spines.top": False,
     "axes.spines.right": False,
     "legend.frameon": False,
 }
+# Figures of the width of a column, for print.
 STYLE: Any = {
     **SCREEN,
     "font.size": 7.5,
@@ -52,14 +59,14 @@ STYLE: Any = {
 
 
 class Look(NamedTuple):
-    """How one method is drawn in every figure."""
+    """Holds how one method is drawn in every figure."""
 
     colour: str
     marker: str
     line: Any  # a matplotlib linestyle
 
 
-LOOKS = {
+METHOD_LOOKS = {
     "belief": Look(BLUE, "o", "-"),
     "ce": Look("#CC79A7", "s", "--"),
     "pipf": Look(GREEN, "^", "-."),
@@ -68,29 +75,29 @@ LOOKS = {
     "algorithm_1": Look("#E69F00", "v", (0, (5, 1))),
     "oracle": Look("#000000", "P", (0, (3, 1, 1, 1))),
     "lqg": Look("#999999", "X", (0, (4, 2))),
-}  # the methods in the order of every figure
-OTHER = Look("#555555", "*", "-")
+}  # in the order of every figure
+OTHER = Look("#555555", "*", "-")  # of a method that is not in `METHOD_LOOKS`
 
 
 def method_look(method: str) -> Look:
-    """Colour, marker and line of a method, a key of `report.cell_results.METHOD_NAMES`; the same for all unknown ones."""
-    return LOOKS.get(method, OTHER)
+    """Returns colour, marker and line of a method, an option of `controller`."""
+    return METHOD_LOOKS.get(method, OTHER)
 
 
 def method_order(method: str) -> int:
-    """Where a method stands among others: belief, ce, pipf, ilqg, the rest; unknown ones last."""
-    return [*LOOKS].index(method) if method in LOOKS else len(LOOKS)
+    """Returns the position of a method among the others in every figure; unknown ones are last."""
+    return [*METHOD_LOOKS].index(method) if method in METHOD_LOOKS else len(METHOD_LOOKS)
 
 
 def save_png(figure: Figure, path: Path) -> None:
-    """Write a PNG whole or not at all."""
+    """Writes a PNG atomically."""
     write_whole(path, lambda temporary: figure.savefig(temporary, dpi=DPI, format="png"))
 
 
 def save_png_and_pdf(figure: Figure, folder: Path, stem: str) -> list[str]:
-    """Write `stem`.png and `stem`.pdf into a folder, each whole or not at all; their names in it.
+    """Writes STEM.png and STEM.pdf into a folder, each atomically; returns their names.
 
-    No dates are in them: a figure drawn from the same results is the same bytes.
+    The files hold no dates, so that a figure drawn from the same results is the same bytes.
     """
     folder.mkdir(parents=True, exist_ok=True)
     undated: dict[str, Any] = {"png": {"Software": None}, "pdf": {"CreationDate": None}}

@@ -1,7 +1,7 @@
-"""Sweeps of one setting: Fig. 2 (the obstacle weight) and the theta sweep of Sec. VII, with what the paper says."""
+"""Draws Fig. 2 (the obstacle weight) and the theta sweep of Sec. VII, with the paper's values."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import matplotlib as mpl
@@ -16,49 +16,54 @@ from ..cell_results import METHOD_NAMES, CellResults, by_method
 from .points import collision_rate, dodge, draw_estimates, mean_of
 from .style import COLUMN, GREY, INK, STYLE, method_look, method_order
 
-PUBLISHED_W_OBS = (1e2, 1e4)
-BAND: Any = {"color": "#DDDDDD", "lw": 0}
-HOLLOW: Any = {"color": INK, "mfc": "none", "marker": "s", "ms": 6, "mew": 0.8, "ls": "none"}
+PUBLISHED_W_OBS = (1e2, 1e4)  # the range of w_obs in Fig. 2
+PUBLISHED_BAND: Any = {"color": "#DDDDDD", "lw": 0}
+PUBLISHED_MARK: Any = {
+    "color": INK,
+    "mfc": "none",
+    "marker": "s",
+    "ms": 6,
+    "mew": 0.8,
+    "ls": "none",
+}
 
 
-def figure_2(founds: Sequence[CellResults]) -> Figure | None:
-    """Fig. 2: collision rate (%) and base cost against w_obs, a line a method, with 95 % intervals.
+def figure_2(cells: Sequence[CellResults]) -> Figure | None:
+    """Draws Fig. 2: collision rate (%) and base cost against w_obs with 95 % intervals, by method.
 
-    From the paper: shaded, the range of its baselines; hollow, what it says of MPPI-Belief (a triangle: below 1 %).
-    None without trials.
+    From the paper: the range of its baselines (shaded), and what it says of MPPI-Belief (hollow; a
+    triangle means below 1 %). None without trials.
     """
-    lines = _lines(founds, "w_obs", lambda w_obs: w_obs > 0)
-    if not lines:
+    curves = _curves_by_method(cells, "w_obs", lambda w_obs: w_obs > 0)
+    if not curves:
         return None
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(COLUMN, 3.9), layout="constrained")
         panels = figure.subplots(2, 1, sharex=True)
-        _published_rates(panels[0])
+        _draw_published_rates(panels[0])
         for axes, estimate in zip(panels, (collision_rate, mean_of("cost")), strict=True):
-            for index, (method, cells) in enumerate(lines.items()):
-                x = dodge([found.labels["w_obs"] for found in cells], index, len(lines))
-                draw_estimates(
-                    axes,
-                    x,
-                    [estimate(found) for found in cells],
-                    method_look(method),
-                    label=METHOD_NAMES.get(method, method),
-                )
+            for index, (method, curve) in enumerate(curves.items()):
+                x = dodge([cell.labels["w_obs"] for cell in curve], index, len(curves))
+                estimates = [estimate(cell) for cell in curve]
+                label = METHOD_NAMES.get(method, method)
+                draw_estimates(axes, x, estimates, method_look(method), label=label)
         panels[0].set(xscale="log", ylabel="trials that collide (%)", title="(a)")
         panels[1].set(ylabel="base cost", xlabel=r"obstacle weight $w_\mathrm{obs}$", title="(b)")
+
         handles, labels = panels[1].get_legend_handles_labels()
-        paper: Any = (Patch(**BAND), Line2D([], [], **HOLLOW))
+        paper: Any = (Patch(**PUBLISHED_BAND), Line2D([], [], **PUBLISHED_MARK))
         figure.legend([*handles, paper], [*labels, "paper"], loc="outside lower center", ncols=3)
         return figure
 
 
-def theta_figure(founds: Sequence[CellResults]) -> Figure | None:
-    """Collision rate (%), mean clearance (m) and cost against theta, with 95 % intervals; hollow: the paper's values.
+def theta_figure(cells: Sequence[CellResults]) -> Figure | None:
+    """Draws collision rate (%), mean clearance (m) and cost against theta with 95 % intervals.
 
-    Where the text gives a range, a bar spans it. None without trials.
+    Hollow marks are the paper's values; where the text gives a range, a bar spans it. None without
+    trials.
     """
-    lines = _lines(founds, "theta", math.isfinite)
-    if not lines:
+    curves = _curves_by_method(cells, "theta", math.isfinite)
+    if not curves:
         return None
     quantities = {
         "collide (%)": collision_rate,
@@ -69,52 +74,51 @@ def theta_figure(founds: Sequence[CellResults]) -> Figure | None:
         figure = Figure(figsize=(COLUMN, 1.9), layout="constrained")
         panels = figure.subplots(1, 3)
         for axes, (title, estimate) in zip(panels, quantities.items(), strict=True):
-            for method, cells in lines.items():
-                theta = [found.labels["theta"] for found in cells]
-                draw_estimates(
-                    axes,
-                    theta,
-                    [estimate(found) for found in cells],
-                    method_look(method),
-                    label=METHOD_NAMES.get(method, method),
-                )
+            for method, curve in curves.items():
+                theta = [cell.labels["theta"] for cell in curve]
+                estimates = [estimate(cell) for cell in curve]
+                label = METHOD_NAMES.get(method, method)
+                draw_estimates(axes, theta, estimates, method_look(method), label=label)
             axes.set(title=title, xlabel=r"$\theta$")
             axes.xaxis.set_major_locator(MaxNLocator(6, integer=True))
-        methods = panels[0].get_legend_handles_labels()
-        paper = _published_theta(panels)
-        figure.legend(
-            [*methods[0], paper], [*methods[1], "paper"], loc="outside lower center", ncols=4
-        )
+
+        handles, labels = panels[0].get_legend_handles_labels()
+        paper = _draw_published_theta(panels)
+        figure.legend([*handles, paper], [*labels, "paper"], loc="outside lower center", ncols=4)
         return figure
 
 
-def _lines(founds: Sequence[CellResults], key: str, fits: Any) -> dict[str, list[CellResults]]:
-    """The cells with trials to show, by method and then by what was swept."""
-    there = [found for found in founds if len(found.good) and fits(found.labels[key])]
-    methods = by_method(sorted(there, key=lambda found: float(found.labels[key])))
+def _curves_by_method(
+    cells: Sequence[CellResults], key: str, is_shown: Callable[[float], bool]
+) -> dict[str, list[CellResults]]:
+    """Groups the cells with trials by method, sorted by the label `key` where `is_shown` holds."""
+    shown = [cell for cell in cells if len(cell.good) and is_shown(cell.labels[key])]
+    methods = by_method(sorted(shown, key=lambda cell: float(cell.labels[key])))
     return {method: methods[method] for method in sorted(methods, key=method_order)}
 
 
-def _published_rates(axes: Axes) -> None:
+def _draw_published_rates(axes: Axes) -> None:
+    """Draws the paper's collision rates (%) over w_obs."""
     low, high = (100 * rate for rate in published.BASELINE_RANGE)
-    axes.fill_between(PUBLISHED_W_OBS, low, high, zorder=0, **BAND)
+    axes.fill_between(PUBLISHED_W_OBS, low, high, zorder=0, **PUBLISHED_BAND)
     for w_obs, rate in published.BELIEF_BELOW.items():
-        axes.plot(w_obs, 100 * rate, **HOLLOW | {"marker": "v" if rate else "s"})
+        marker = {"marker": "v" if rate else "s"}
+        axes.plot(w_obs, 100 * rate, **PUBLISHED_MARK | marker)
 
 
-def _published_theta(panels: Sequence[Axes]) -> Line2D:
-    """Draw what the text says, None where it says nothing; the mark, for the legend."""
-    rates = [
-        (theta, 100 * low, 100 * high)
-        for theta, row in published.THETA.items()
-        for low, high in [row[0]]
-    ]
-    theta, lows, highs = (list(column) for column in zip(*rates, strict=True))
+def _draw_published_theta(panels: Sequence[Axes]) -> Line2D:
+    """Draws the paper's values over theta; returns a mark for the legend."""
+    # Collision rates, with a bar over each range.
+    rows = published.PAPER_THETA
+    lows = [100 * row.collision_rate[0] for row in rows.values()]
+    highs = [100 * row.collision_rate[1] for row in rows.values()]
     middles = [(low + high) / 2 for low, high in zip(lows, highs, strict=True)]
-    panels[0].vlines(theta, lows, highs, color=GREY, lw=0.8)
-    (mark,) = panels[0].plot(theta, middles, **HOLLOW)
+    panels[0].vlines([*rows], lows, highs, color=GREY, lw=0.8)
+    (mark,) = panels[0].plot([*rows], middles, **PUBLISHED_MARK)
+
+    # Clearances and costs, where the text gives them.
     for axes, name in zip(panels[1:], ("clearance", "cost"), strict=True):
-        values = {theta: getattr(row, name) for theta, row in published.THETA.items()}
-        told = {theta: value for theta, value in values.items() if value is not None}
-        axes.plot([*told], [*told.values()], **HOLLOW)
+        values = {theta: getattr(row, name) for theta, row in rows.items()}
+        given = {theta: value for theta, value in values.items() if value is not None}
+        axes.plot([*given], [*given.values()], **PUBLISHED_MARK)
     return mark

@@ -1,69 +1,76 @@
-"""Matching by choosing what is sensed: what it does to Algorithm 1 as printed."""
+"""Matching (15) by choosing the sensor: what it does to Algorithm 1 as printed."""
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 
-from .. import figures
-from ..cell_results import CellResults, paired_rows
+from ..cell_results import CellResults
+from ..comparison import cost_difference
 from ..elements import cell_lines, cost_text, write_picture, write_table
-from ..figures.sensing import SENSORS
+from ..figures.sensing import SENSORS, sensing_figure
 from ..page import Section
-from ..statistics import paired_mean_difference
 from ..summary import interval_text
 
 
-def sensing(founds: list[CellResults], folder: Path) -> Section:
-    """The section of the study `controlled_sensing`."""
-    limited = [one for one in founds if one.method == "algorithm_1" and selector(one) == "matched"]
-    limited = sorted(
-        limited, key=lambda one: math.inf if limit(one) is None else float(limit(one) or 0)
-    )
-    chosen = [one for one in founds if limit(one) is None]
-    tables = [
-        write_table(
-            folder,
-            "controlled_sensing",
-            "By method, sensor and its limit",
-            cell_lines(founds),
-            founds,
-        )
+def controlled_sensing_section(cells: list[CellResults], folder: Path) -> Section:
+    """Builds the section: the table, each sensor's cost, mean positions and cost over the limit."""
+    limited = [
+        cell for cell in cells if cell.method == "algorithm_1" and selector(cell) == "matched"
     ]
-    alt = "Mean position over time by method and sensor; cost of Algorithm 1 over the limit of the sensor"
+    limited.sort(key=_limit_or_infinity)
+    unlimited = [cell for cell in cells if sensor_limit(cell) is None]
+    sensor_texts = [_algorithm_1_costs(unlimited, name) for name in SENSORS]
+    stem = "controlled_sensing"
+    caption = "By method, sensor and the limit of the sensor"
+    alt = (
+        "Mean position over time by method and sensor; cost of Algorithm 1 over the limit of the "
+        "sensor"
+    )
     return Section(
-        "Matching by choosing what is sensed",
+        "Matching by choosing the sensor",
         [
-            "Das and Tanaka's sequel (arXiv 2604.18941) makes the observation matrix a control. Here it is chosen from "
-            "the covariance so that matching (15) holds exactly at every step, on a moored platform in the plane that "
-            "is to be held away from where it rests; the fixed sensor measures its position with the same noise.",
-            *(text for name in SENSORS if (text := _against(chosen, name))),
-            "What the sensor is chosen for is matching, not knowledge: it moves the estimate of the velocity only. A "
-            "limit on its signal-to-noise ratio leaves a residual of (15), and what Algorithm 1 loses by it.",
+            "Das and Tanaka's sequel (arXiv 2604.18941) makes the observation matrix a control. "
+            "Here it is chosen from the covariance so that matching (15) holds exactly at every "
+            "step. The system is a moored platform in the plane, which is to be held away from its "
+            "rest position. The fixed sensor measures the position with the same noise.",
+            *filter(None, sensor_texts),
+            "The chosen sensor serves matching, not knowledge: it corrects the estimate of the "
+            "velocity only. With a limit on its signal-to-noise ratio a residual of (15) remains, "
+            "and Algorithm 1 costs more.",
         ],
-        tables,
-        write_picture(folder, "controlled_sensing", figures.sensing_figure(chosen, limited), alt),
+        [write_table(folder, stem, caption, cell_lines(cells), cells)],
+        write_picture(folder, stem, sensing_figure(unlimited, limited), alt),
     )
 
 
-def selector(found: CellResults) -> str:
-    """ "matched" or "fixed"."""
-    return str(found.cell.config["system"].get("selector", "fixed"))
+def selector(cell: CellResults) -> str:
+    """Returns how the sensor is chosen: "matched" or "fixed"."""
+    return str(cell.config["system"].get("selector", "fixed"))
 
 
-def limit(found: CellResults) -> float | None:
-    """The largest signal-to-noise ratio of the sensor, None for any."""
-    return found.cell.config["system"].get("limit")
+def sensor_limit(cell: CellResults) -> float | None:
+    """Returns the largest signal-to-noise ratio of the sensor, None where it has no limit."""
+    limit = cell.config["system"].get("limit")
+    return None if limit is None else float(limit)
 
 
-def _against(chosen: list[CellResults], name: str) -> str:
-    """Algorithm 1 with one sensor against the matched proposal and LQG with the same, trial by trial."""
-    there = {one.method: one for one in chosen if selector(one) == name and len(one.good)}
-    if "algorithm_1" not in there:
+def _limit_or_infinity(cell: CellResults) -> float:
+    limit = sensor_limit(cell)
+    return math.inf if limit is None else limit
+
+
+def _algorithm_1_costs(cells: Sequence[CellResults], sensor: str) -> str:
+    """Compares Algorithm 1 with the matched diffusion and LQG, all with the same sensor."""
+    methods = {cell.method: cell for cell in cells if selector(cell) == sensor and len(cell.good)}
+    if "algorithm_1" not in methods:
         return ""
-    first, said = there["algorithm_1"], []
-    for other in ("belief", "lqg"):
-        if other in there:
-            one, two = paired_rows(first, there[other])
-            more = paired_mean_difference(one["cost"].to_numpy(), two["cost"].to_numpy())
-            said.append(f"{interval_text(more, 2)} more than {there[other].name}")
-    told = f", {' and '.join(said)}" if said else ""
-    return f"{SENSORS[name].capitalize()}: Algorithm 1 as printed costs {cost_text(first)}{told}."
+    algorithm_1 = methods["algorithm_1"]
+    differences = [
+        f"{interval_text(cost_difference(algorithm_1, methods[method]), 2)} more than "
+        f"{methods[method].name}"
+        for method in ("belief", "lqg")
+        if method in methods
+    ]
+    comparison = f", {' and '.join(differences)}" if differences else ""
+    label = SENSORS[sensor].capitalize()
+    return f"{label}: Algorithm 1 as printed costs {cost_text(algorithm_1)}{comparison}."

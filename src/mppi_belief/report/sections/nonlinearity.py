@@ -1,16 +1,17 @@
-"""Where the Gaussian reduction is valid: Theorem 1's residual, NEES and NIS, and the loss against seeing the state."""
+"""Where the Gaussian reduction is valid: Theorem 1's residual, NEES, NIS, loss to an oracle."""
 
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from .. import figures
-from ..cell_results import CellResults, paired_rows
+from ..cell_results import CellResults
+from ..comparison import cost_difference
 from ..elements import collision_text, write_picture
+from ..figures.filter_consistency import ConsistencyPoint, consistency_figure
 from ..frame_files import write_frame
 from ..page import Section, Table
 from ..statistics import (
@@ -18,165 +19,154 @@ from ..statistics import (
     Estimate,
     chi_square_band,
     mean_interval,
-    paired_mean_difference,
     proportion_interval,
 )
-from ..summary import interval_text
+from ..summary import estimate_columns, interval_text
 
-RARE = 1e-3  # of the trials of a consistent filter, at most, have a NEES as large as that of a lost one
-FILTERS = {"ekf": "EKF", "ukf": "UKF", "particle": "Particles"}
-
-
-class Point(NamedTuple):
-    """One cell: a system, a filter, a curvature kappa, and what its trials show.
-
-    residual    of Theorem 1, the mean over the steps of the recorded trial; nan without one
-    nees, nis   by their degrees of freedom, so that 1 is right, means over trials with Student's interval
-    bands       of both: 95 % of what a consistent filter shows lies within; see `bands`
-    lost        part of the trials with a NEES that a consistent filter has in one of 1000 at most
-    loss        of cost against the oracle of the system, trial by trial; nothing without one
-    """
-
-    found: CellResults
-    system: str
-    filter: str
-    curvature: float
-    residual: float
-    nees: Estimate
-    nis: Estimate
-    bands: tuple[Estimate, Estimate]
-    lost: Estimate
-    loss: Estimate
-
-    @property
-    def consistent(self) -> bool:
-        """Whether both means lie in their bands."""
-        pairs = zip((self.nees, self.nis), self.bands, strict=True)
-        return all(band.low <= one.value <= band.high for one, band in pairs)
+LOST_PROBABILITY = 1e-3  # a lost trial has a NEES that a consistent filter exceeds no more often
+FILTER_NAMES = {"ekf": "EKF", "ukf": "UKF", "particle": "Particles"}
 
 
-def consistency(founds: list[CellResults], folder: Path) -> Section:
-    """A table and a figure over the curvature, and for which curvatures a filter is what it says it is."""
-    shown = points(founds)
-    alt = "Theorem 1's residual, NEES and NIS with 95 % bands, and the loss against the oracle, over the curvature"
-    frame, machine = as_frame(shown), pd.DataFrame([_numbers(point) for point in shown])
-    write_frame(folder, "consistency", frame, machine)
+def nonlinearity_section(cells: list[CellResults], folder: Path) -> Section:
+    """Builds the section: a table and a figure over the curvature, a verdict for each filter."""
+    points = consistency_points(cells)
+    alt = (
+        "Theorem 1's residual, NEES and NIS with 95 % bands, and the loss against the oracle, over "
+        "the curvature"
+    )
+    frame = consistency_frame(points)
+    numbers = pd.DataFrame([_consistency_numbers(point) for point in points])
+    write_frame(folder, "consistency", frame, numbers)
     return Section(
         "Consistency: where the Gaussian reduction is valid",
         [
-            "Measurements bend by `system.curvature`: at 0 they are affine, at 1 the sensor's own; what they tell at "
-            "the anchor stays the same. Theorem 1's residual is the part of a measurement, in units of its noise, that "
-            "is not tangent to the Gaussian means, averaged over a recorded trial. NEES and NIS are by their degrees "
-            "of freedom: 1 is as sure as one may be. A filter counts as consistent here where both means lie in "
-            "their 95 % chi-square bands: that of NEES as if a trial were one sample, its errors being correlated over "
-            "time, that of NIS with every step, innovations being independent. Lost are trials whose NEES a consistent "
-            "filter has in one of 1000 at most; a few of them make a mean of any size.",
-            *verdicts(shown),
+            "`system.curvature` sets how nonlinear the measurements are: affine at 0, those of the "
+            "sensor itself at 1. Their information at the anchor point stays the same. Theorem 1's "
+            "residual is the part of a measurement, in units of its noise, that is not tangent to "
+            "the manifold of Gaussian means, averaged over a recorded trial.",
+            "NEES and NIS are divided by their degrees of freedom, so that a consistent filter has "
+            "1. A filter counts as consistent here if both means lie in their 95 % chi-square "
+            "bands. The band of NEES counts a trial as one sample, since the errors of a trial are "
+            "correlated over time; that of NIS counts every step, since innovations are "
+            "independent. A lost trial has a NEES that at most one of 1000 trials of a consistent "
+            "filter has; a few lost trials dominate a mean.",
+            *verdicts(points),
         ],
         [Table("consistency", "Every system, filter and curvature", frame)],
-        write_picture(folder, "consistency", figures.consistency_figure(shown), alt),
+        write_picture(folder, "consistency", consistency_figure(points), alt),
     )
 
 
-def points(founds: Sequence[CellResults]) -> list[Point]:
-    """The cells that have a filter's controller and a curvature, by system, filter and curvature."""
-    oracles = {
-        _name(one, "system"): one for one in founds if one.method == "oracle" and len(one.good)
-    }
-    there = [one for one in founds if one.method != "oracle" and len(one.good)]
-    made = [_point(one, oracles.get(_name(one, "system"))) for one in there]
-    return sorted(made, key=lambda point: (point.system, point.filter, point.curvature))
+def consistency_points(cells: Sequence[CellResults]) -> list[ConsistencyPoint]:
+    """Evaluates every cell that does not see the state, sorted by system, filter and curvature."""
+    oracles = {cell.system: cell for cell in cells if cell.method == "oracle" and len(cell.good)}
+    points = [
+        _evaluate(cell, oracles.get(cell.system))
+        for cell in cells
+        if cell.method != "oracle" and len(cell.good)
+    ]
+    return sorted(points, key=lambda point: (point.system, point.filter, point.curvature))
 
 
-def _point(found: CellResults, oracle: CellResults | None) -> Point:
-    told: dict[str, Any] = (found.recording or {}).get("tangent", {})
-    nx, ny = (float(told.get(name, math.nan)) for name in ("states", "measurements"))
-    nees, nis = (mean_interval(found.good[name].to_numpy(float)) for name in ("nees", "nis"))
-    beyond = found.good["nees"].to_numpy(float) > nx * chi_square_band(nx, 1 - 2 * RARE).high
-    parts = [part for part in told.get("part", ()) if part is not None]
-    return Point(
-        found,
-        _name(found, "system"),
-        _name(found, "filter"),
-        float(found.cell.config["system"].get("curvature", math.nan)),
-        float(np.mean(parts)) if parts else math.nan,
-        nees.times(1 / nx),
-        nis.times(1 / ny),
-        bands(nx, ny, len(found.good), int(found.good["steps"].max())),
-        proportion_interval(int(beyond.sum()), len(beyond)) if nx > 0 else NO_ESTIMATE,
-        NO_ESTIMATE if oracle is None else _loss(found, oracle),
+def _evaluate(cell: CellResults, oracle: CellResults | None) -> ConsistencyPoint:
+    """Evaluates one cell against the oracle of its system."""
+    tangent: dict[str, Any] = (cell.recording or {}).get("tangent", {})
+    nx = float(tangent.get("states", math.nan))
+    ny = float(tangent.get("measurements", math.nan))
+    residuals = [value for value in tangent.get("part", ()) if value is not None]
+
+    # The part of the trials that are lost.
+    nees = cell.good["nees"].to_numpy(float)
+    lost_above = nx * chi_square_band(nx, 1 - 2 * LOST_PROBABILITY).high
+    lost = proportion_interval(int((nees > lost_above).sum()), len(nees))
+
+    trials = len(cell.good)
+    steps = int(cell.good["steps"].max())
+    nees_band, nis_band = consistency_bands(nx, ny, trials, steps)
+    return ConsistencyPoint(
+        system=cell.system,
+        filter=str(cell.config["names"]["filter"]),
+        curvature=float(cell.config["system"].get("curvature", math.nan)),
+        residual=float(np.mean(residuals)) if residuals else math.nan,
+        nees=mean_interval(nees).times(1 / nx),
+        nis=mean_interval(cell.good["nis"].to_numpy(float)).times(1 / ny),
+        nees_band=nees_band,
+        nis_band=nis_band,
+        lost=lost if nx > 0 else NO_ESTIMATE,
+        loss=NO_ESTIMATE if oracle is None else cost_difference(cell, oracle),
+        collisions=collision_text(cell),
+        collided=float(cell.collided.mean()),
+        trials=trials,
     )
 
 
-def bands(nx: float, ny: float, trials: int, steps: int) -> tuple[Estimate, Estimate]:
-    """Where the means of NEES / nx and NIS / ny of a consistent filter lie in 95 %.
+def consistency_bands(nx: float, ny: float, trials: int, steps: int) -> tuple[Estimate, Estimate]:
+    """Returns the 95 % bands of the means of NEES / nx and NIS / ny of a consistent filter.
 
-    Innovations are independent: ny degrees of freedom a step. Errors are not, so a trial counts as one sample of nx,
-    which makes the band wider than it need be.
+    Innovations are independent, so a step has ny degrees of freedom. Errors are correlated, so a
+    trial counts as one sample of nx, which makes the band wider than necessary.
     """
     return chi_square_band(nx * trials), chi_square_band(ny * trials * steps)
 
 
-def _loss(found: CellResults, oracle: CellResults) -> Estimate:
-    one, other = paired_rows(found, oracle)
-    return paired_mean_difference(one["cost"].to_numpy(), other["cost"].to_numpy())
-
-
-def _name(found: CellResults, group: str) -> str:
-    return str(found.cell.config["names"][group])
-
-
-def verdicts(shown: Sequence[Point]) -> list[str]:
-    """A sentence for each system and filter."""
-    text = []
-    for system, filter in dict.fromkeys((point.system, point.filter) for point in shown):
-        cells = [point for point in shown if (point.system, point.filter) == (system, filter)]
-        broken = [
+def verdicts(points: Sequence[ConsistencyPoint]) -> list[str]:
+    """Returns a sentence for each system and filter."""
+    sentences = []
+    for system, filter_name in dict.fromkeys((point.system, point.filter) for point in points):
+        curve = [point for point in points if (point.system, point.filter) == (system, filter_name)]
+        inconsistent = [
             f"{point.curvature:g} (NEES {interval_text(point.nees, 2)})"
-            for point in cells
+            for point in curve
             if not point.consistent
         ]
-        told = f"not at curvature {', '.join(broken)}" if broken else "at every curvature"
-        losses = ", ".join(
-            f"{interval_text(point.loss, 2)} at {point.curvature:g}" for point in cells
+        verdict = "consistent at every curvature"
+        if inconsistent:
+            verdict = f"not consistent at curvature {', '.join(inconsistent)}"
+        losses = [f"{interval_text(point.loss, 2)} at {point.curvature:g}" for point in curve]
+        name = FILTER_NAMES.get(filter_name, filter_name)
+        sentences.append(
+            f"{system}, {name}: {verdict}. Loss against the oracle: {', '.join(losses)}."
         )
-        text.append(
-            f"{system}, {FILTERS.get(filter, filter)}: consistent {told}. Loss against the oracle: {losses}."
-        )
-    return text
+    return sentences
 
 
-def as_frame(shown: Sequence[Point]) -> pd.DataFrame:
-    """A line of text a cell."""
+def consistency_frame(points: Sequence[ConsistencyPoint]) -> pd.DataFrame:
+    """Returns a line of text per cell."""
     return pd.DataFrame(
         {
             "System": point.system,
-            "Filter": FILTERS.get(point.filter, point.filter),
+            "Filter": FILTER_NAMES.get(point.filter, point.filter),
             "Curvature": f"{point.curvature:g}",
             "Residual": "-" if math.isnan(point.residual) else f"{point.residual:.4f}",
             "NEES/nx [95 %]": interval_text(point.nees, 3),
-            "band": _span(point.bands[0]),
+            "NEES band": _band_text(point.nees_band),
             "NIS/ny [95 %]": interval_text(point.nis, 3),
-            "band ": _span(point.bands[1]),
+            "NIS band": _band_text(point.nis_band),
             "Lost % [95 %]": interval_text(point.lost.times(100), 1),
             "Loss [95 %]": interval_text(point.loss, 2),
-            "Collision %": collision_text(point.found),
+            "Collision %": point.collisions,
         }
-        for point in shown
+        for point in points
     )
 
 
-def _span(band: Estimate) -> str:
+def _band_text(band: Estimate) -> str:
     return "-" if math.isnan(band.low) else f"{band.low:.3f} to {band.high:.3f}"
 
 
-def _numbers(point: Point) -> dict[str, Any]:
-    """The same for a machine."""
-    line: dict[str, Any] = {
-        name: getattr(point, name) for name in ("system", "filter", "curvature", "residual")
+def _consistency_numbers(point: ConsistencyPoint) -> dict[str, Any]:
+    """Returns the line of one cell in full precision."""
+    return {
+        "system": point.system,
+        "filter": point.filter,
+        "curvature": point.curvature,
+        "residual": point.residual,
+        **estimate_columns("nees", point.nees),
+        **estimate_columns("nis", point.nis),
+        **estimate_columns("lost", point.lost),
+        **estimate_columns("loss", point.loss),
+        **estimate_columns("nees_band", point.nees_band),
+        **estimate_columns("nis_band", point.nis_band),
+        "collided": point.collided,
+        "trials": point.trials,
     }
-    estimates = {"nees": point.nees, "nis": point.nis, "lost": point.lost, "loss": point.loss}
-    estimates |= {"nees_band": point.bands[0], "nis_band": point.bands[1]}
-    for name, value in estimates.items():
-        line |= {name: value.value, f"{name}_low": value.low, f"{name}_high": value.high}
-    return line | {"collided": float(point.found.collided.mean()), "trials": len(point.found.good)}

@@ -1,120 +1,130 @@
-"""Beyond the paper: how many sampled paths a step needs, by the policy they are sampled from."""
+"""Beyond the paper: how many sampled paths a step needs, by the policy that samples them."""
 
 import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
-from .. import figures
-from ..cell_results import CellResults, paired_rows
+from ..cell_results import CellResults
+from ..comparison import cost_difference
 from ..elements import cell_lines, write_picture, write_table
-from ..figures.sampling_efficiency import KEY
+from ..figures.sampling_efficiency import PROPOSAL_KEY, proposals_figure
 from ..page import Section
-from ..statistics import Estimate, paired_mean_difference
+from ..statistics import Estimate
 from ..summary import interval_text, label_text, summarise_trials
 
 
-def proposals(founds: list[CellResults], folder: Path) -> Section:
-    """The table of all cells with effective samples a millisecond, and cost against time."""
-    frame = cell_lines(founds)
-    frame.insert(1, "system", [_scenario(one)[0] for one in founds])
-    frame.insert(list(frame.columns).index("ESS") + 1, "ESS/ms", [_rate(one) for one in founds])
-    alt = "Cost and effective sample size against milliseconds per step, a line a planner and proposal"
-    usual = [one for one in founds if _scenario(one) == _scenario(founds[0])]
+class Saving(NamedTuple):
+    """Holds how few samples from the Laplace proposal do better than many about the nominal."""
+
+    nominal: CellResults  # the cell with most samples about the nominal
+    laplace: CellResults  # the cell with fewest samples that costs less with certainty
+    less: Estimate  # cost of the first minus that of the second
+
+
+def proposals_section(cells: list[CellResults], folder: Path) -> Section:
+    """Builds the section: all cells with effective samples per ms, and cost against time."""
+    frame = cell_lines(cells)
+    frame.insert(1, "system", [cell.system for cell in cells])
+    frame.insert(
+        list(frame.columns).index("ESS") + 1, "ESS/ms", [_ess_per_ms(cell) for cell in cells]
+    )
+    main_cells = [cell for cell in cells if _scenario(cell) == _scenario(cells[0])]
+    caption = "Every planner, proposal and number of samples"
+    alt = (
+        "Cost and effective sample size against milliseconds per step; one line per planner and "
+        "proposal"
+    )
     return Section(
         "Beyond the paper: where paths are sampled",
         [
-            "The paper samples controls about a nominal that is the same for all paths. The Laplace proposal samples "
-            "them from the optimal feedback policy of the problem expanded about that nominal, and corrects the "
-            "weights for it; one path in five stays about the nominal. For many samples both give the same control.",
-            " ".join([*_gains(founds), *_fewest(usual)]),
+            "The paper samples controls about a nominal that is the same for all paths. The "
+            "Laplace proposal samples them from the optimal feedback policy of the problem "
+            "expanded about that nominal, and corrects the weights accordingly; one path in five "
+            "still comes from the nominal. For many samples both give the same control.",
+            " ".join([*_ess_gain(cells), *_savings(main_cells)]),
         ],
-        [
-            write_table(
-                folder, "proposals", "Every planner, proposal and number of samples", frame, founds
-            )
-        ],
-        write_picture(folder, "proposals", figures.proposals_figure(usual), alt),
+        [write_table(folder, "proposals", caption, frame, cells)],
+        write_picture(folder, "proposals", proposals_figure(main_cells), alt),
     )
 
 
-def twins(founds: Sequence[CellResults]) -> Iterator[tuple[CellResults, CellResults]]:
-    """The cells that differ in nothing but the proposal: nominal, Laplace."""
-    told = [
-        (one, {name: label_text(value) for name, value in one.labels.items() if name != KEY})
-        for one in founds
-    ]
-    for one, labels in told:
-        if one.labels.get(KEY) == "nominal":
-            yield from (
-                (one, other)
-                for other, also in told
-                if other.labels.get(KEY) == "laplace" and also == labels
-            )
+def proposal_pairs(cells: Sequence[CellResults]) -> Iterator[tuple[CellResults, CellResults]]:
+    """Yields the pairs of cells that differ in nothing but the proposal: nominal, Laplace."""
+    nominal_cells = [cell for cell in cells if cell.labels.get(PROPOSAL_KEY) == "nominal"]
+    laplace_cells = [cell for cell in cells if cell.labels.get(PROPOSAL_KEY) == "laplace"]
+    for nominal in nominal_cells:
+        for laplace in laplace_cells:
+            if _labels_without_proposal(nominal) == _labels_without_proposal(laplace):
+                yield nominal, laplace
 
 
-def saved(
-    founds: Sequence[CellResults], method: str
-) -> tuple[CellResults, CellResults, Estimate] | None:
-    """The nominal with most samples, the fewest from the Laplace proposal that cost less for certain, and by how much;
-    None where there are none."""
-    there = [one for one in founds if one.method == method and len(one.good) > 1]
-    nominal = [one for one in there if one.labels.get(KEY) == "nominal"]
-    if not nominal:
+def _labels_without_proposal(cell: CellResults) -> dict[str, str]:
+    return {name: label_text(value) for name, value in cell.labels.items() if name != PROPOSAL_KEY}
+
+
+def sample_saving(cells: Sequence[CellResults], method: str) -> Saving | None:
+    """Finds the fewest samples from the Laplace proposal that cost less, with 95 % confidence.
+
+    They are compared with most samples about the nominal. Returns None where there are none.
+    """
+    cells = [cell for cell in cells if cell.method == method and len(cell.good) > 1]
+    nominal_cells = [cell for cell in cells if cell.labels.get(PROPOSAL_KEY) == "nominal"]
+    if not nominal_cells:
         return None
-    most = max(nominal, key=lambda one: one.samples or 0)
-    for one in sorted(there, key=lambda one: one.samples or 0):
-        if one.labels.get(KEY) == "laplace":
-            first, second = paired_rows(one, most)
-            less = paired_mean_difference(second["cost"].to_numpy(), first["cost"].to_numpy())
+    most = max(nominal_cells, key=lambda cell: cell.samples or 0)
+    for cell in sorted(cells, key=lambda cell: cell.samples or 0):
+        if cell.labels.get(PROPOSAL_KEY) == "laplace":
+            less = cost_difference(most, cell)
             if less.low >= 0:
-                return most, one, less
+                return Saving(most, cell, less)
     return None
 
 
-def _scenario(found: CellResults) -> tuple[str, str]:
-    return str(found.cell.config["names"]["system"]), label_text(found.labels["w_obs"])
+def _scenario(cell: CellResults) -> tuple[str, str]:
+    return cell.system, label_text(cell.labels["w_obs"])
 
 
-def _gains(founds: Sequence[CellResults]) -> list[str]:
-    """What the proposal does to the effective sample size, over all pairs of cells."""
-    sizes = [
-        (summarise_trials(one.rows, None).ess, summarise_trials(other.rows, None).ess)
-        for one, other in twins(founds)
-    ]
-    ratios = [guided / before for before, guided in sizes if before > 0 and math.isfinite(guided)]
+def _ess_gain(cells: Sequence[CellResults]) -> list[str]:
+    """Says what the proposal does to the effective sample size, over all pairs of cells."""
+    ratios = []
+    for nominal, laplace in proposal_pairs(cells):
+        nominal_ess = summarise_trials(nominal.rows, None).ess
+        laplace_ess = summarise_trials(laplace.rows, None).ess
+        if nominal_ess > 0 and math.isfinite(laplace_ess):
+            ratios.append(laplace_ess / nominal_ess)
     if not ratios:
         return []
     return [
-        f"The effective sample size is {min(ratios):.2g} to {max(ratios):.2g} times that about the nominal."
+        f"With it the effective sample size is {min(ratios):.2g} to {max(ratios):.2g} times that "
+        "about the nominal."
     ]
 
 
-def _fewest(founds: Sequence[CellResults]) -> list[str]:
-    """For each method how few samples do what the nominal does with most."""
-    text = []
-    for method in dict.fromkeys(one.method for one in founds):
-        if found := saved(founds, method):
-            most, one, less = found
-            text.append(
-                f"{one.name} with {one.samples} samples of it costs {interval_text(less, 2)} less than with {most.samples} "
-                f"about the nominal{_times(one, most)}."
+def _savings(cells: Sequence[CellResults]) -> list[str]:
+    """Says for each method how few samples do what the nominal does with most."""
+    sentences = []
+    for method in dict.fromkeys(cell.method for cell in cells):
+        saving = sample_saving(cells, method)
+        if saving is not None:
+            sentences.append(
+                f"{saving.laplace.name} with {saving.laplace.samples} samples from it costs "
+                f"{interval_text(saving.less, 2)} less than with {saving.nominal.samples} samples "
+                f"about the nominal{_times(saving)}."
             )
-    return text
+    return sentences
 
 
-def _times(one: CellResults, most: CellResults) -> str:
-    quick, slow = (summarise_trials(found.rows, found.seconds).time for found in (one, most))
-    return (
-        f", in {quick:.2f} ms a step for {slow:.2f}"
-        if math.isfinite(quick) and math.isfinite(slow)
-        else ""
-    )
+def _times(saving: Saving) -> str:
+    """Compares the times of a step, if both cells were timed."""
+    laplace = summarise_trials(saving.laplace.rows, saving.laplace.seconds).time
+    nominal = summarise_trials(saving.nominal.rows, saving.nominal.seconds).time
+    if not (math.isfinite(laplace) and math.isfinite(nominal)):
+        return ""
+    return f", in {laplace:.2f} ms per step instead of {nominal:.2f}"
 
 
-def _rate(found: CellResults) -> str:
-    told = summarise_trials(found.rows, found.seconds)
-    return (
-        f"{told.ess / told.time:.0f}"
-        if math.isfinite(told.ess) and math.isfinite(told.time)
-        else "-"
-    )
+def _ess_per_ms(cell: CellResults) -> str:
+    summary = summarise_trials(cell.rows, cell.seconds)
+    rate = summary.ess / summary.time
+    return f"{rate:.0f}" if math.isfinite(rate) else "-"

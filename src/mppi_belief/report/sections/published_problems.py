@@ -1,123 +1,120 @@
-"""Beyond the paper: problems that others published, who goes to the light and what that is worth."""
+"""Beyond the paper: published problems whose robot sees its position best away from the goal."""
 
-from collections.abc import Callable, Sequence
-from functools import partial
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 
-from .. import figures
 from ..cell_results import CellResults
 from ..comparison import method_differences
-from ..elements import cost_text, write_picture, write_table
+from ..elements import cost_text, write_paths_of_methods, write_table
 from ..page import Section
-from ..statistics import Estimate, mean_interval, proportion_interval
+from ..statistics import mean_interval, proportion_interval
 from ..summary import interval_text
-from .information import panels
 
-NEAR = 1.0  # m of the light that count as in it; a choice
-SOURCES = {
-    "platt_2010": (
-        "Platt et al. 2010",
-        "The light-dark domain of Platt et al. (RSS 2010), as far as its numbers could be read: a robot that starts "
-        "near (2, 2), it does not know well where, goes to the origin and is charged for what it then does not know. "
-        "It sees its place best at x = 5, away from the goal.",
-    ),
-    "van_den_berg_2012": (
-        "van den Berg et al. 2012",
-        "The point robot in the same domain with the cost of van den Berg et al. (IJRR 2012), who charge the final "
-        "place and covariance much and the way there little; the start is known better.",
-    ),
-}
+LIGHT_REACH = 1.0  # m; a belief whose mean comes this near the light counts as in it; a choice
 
 
-class Seen(NamedTuple):
-    """What the kept trials of a cell show of the belief: how far right its mean went (m), whether it came near the
-    light, its standard deviation at the end (m), of one coordinate."""
+class KeptBeliefs(NamedTuple):
+    """Holds what the n kept trials of a cell show of the belief."""
 
-    furthest: np.ndarray
-    lit: np.ndarray
-    spread: np.ndarray
+    furthest: np.ndarray  # (n,) largest first coordinate of the mean, m
+    in_light: np.ndarray  # (n,) bool, whether the mean came within `LIGHT_REACH` of the light
+    final_sd: np.ndarray  # (n,) standard deviation of a coordinate at the end, root mean square, m
 
 
-def published_problem(name: str, founds: list[CellResults], folder: Path) -> Section:
-    """The table of all methods, differences trial by trial, paths in the plane."""
-    source, text = SOURCES[name]
-    said = [
-        f"{one.name} costs {cost_text(one)} and ends {_away(one)} m off."
-        for one in founds
-        if len(one.good)
+def platt_2010_section(cells: list[CellResults], folder: Path) -> Section:
+    """Builds the section of the light-dark domain of Platt et al. (RSS 2010)."""
+    text = (
+        "This is the light-dark domain of Platt et al. (RSS 2010), as far as its numbers could be "
+        "read. A robot starts near (2, 2) without knowing its position well, goes to the origin, "
+        "and is charged for its uncertainty at the end. It measures its position best at x = 5, "
+        "away from the goal."
+    )
+    return _published_problem(cells, folder, "platt_2010", "Platt et al. 2010", text)
+
+
+def van_den_berg_2012_section(cells: list[CellResults], folder: Path) -> Section:
+    """Builds the section of the same domain with the cost of van den Berg et al. (IJRR 2012)."""
+    text = (
+        "This is the point robot in the same domain with the cost of van den Berg et al. (IJRR "
+        "2012), which charges the final position and covariance much and the way there little. The "
+        "start is known better."
+    )
+    return _published_problem(cells, folder, "van_den_berg_2012", "van den Berg et al. 2012", text)
+
+
+def _published_problem(
+    cells: list[CellResults], folder: Path, study: str, authors: str, text: str
+) -> Section:
+    """Builds a section: the table of all methods, paired differences, paths in the plane."""
+    results = [
+        f"{cell.name} costs {cost_text(cell)} and ends {_final_distance(cell)} m from the goal."
+        for cell in cells
+        if len(cell.good)
     ]
-    tables = [write_table(folder, name, "Every method", lines(founds), founds)]
-    if len(pairs := method_differences(founds, "belief_joint")):
+    tables = [write_table(folder, study, "Every method", problem_frame(cells), cells)]
+    pairs = method_differences(cells, "belief_joint")
+    if len(pairs):
+        caption = "A covariance per path against each method, trial by trial"
         pairs = pairs[["Difference", "Pairs", "Cost [95 %]"]]
-        title = "A covariance for every path against each method, trial by trial"
-        tables.append(write_table(folder, f"{name}_differences", title, pairs))
-    alt = "Paths in the plane: who goes to the light before the goal, and who does not"
+        tables.append(write_table(folder, f"{study}_differences", caption, pairs))
+    alt = "Paths in the plane: which planners go to the light before the goal"
     return Section(
-        f"Beyond the paper: the light-dark domain of {source}",
+        f"Beyond the paper: the light-dark domain of {authors}",
         [
             text,
-            " ".join(said),
-            f"In the light: the mean of the belief comes within {NEAR:g} m of it; kept trials.",
+            " ".join(results),
+            "A trial counts as in the light if the mean of the belief comes within "
+            f"{LIGHT_REACH:g} m of it. This column, the furthest x and the belief's standard "
+            "deviation are those of the kept trials.",
         ],
         tables,
-        write_picture(
-            folder, name, figures.compare_paths(shown) if (shown := panels(founds)) else None, alt
-        ),
+        write_paths_of_methods(folder, study, cells, alt),
     )
 
 
-BUILDERS: dict[str, Callable[[list[CellResults], Path], Section]] = {
-    name: partial(published_problem, name) for name in SOURCES
-}
+def problem_frame(cells: Sequence[CellResults]) -> pd.DataFrame:
+    """Returns a line of text per cell."""
+    return pd.DataFrame([_problem_line(cell) for cell in cells])
 
 
-def lines(founds: Sequence[CellResults]) -> pd.DataFrame:
-    """A line of text a cell."""
-    return pd.DataFrame([_line(one) for one in founds])
-
-
-def _line(found: CellResults) -> dict[str, str]:
-    good, beliefs = found.good, seen(found)
-    lit = proportion_interval(int(beliefs.lit.sum()), len(beliefs.lit))
+def _problem_line(cell: CellResults) -> dict[str, str]:
+    beliefs = kept_beliefs(cell)
+    in_light = proportion_interval(int(beliefs.in_light.sum()), len(beliefs.in_light))
     return {
-        "method": found.name,
-        "trials": str(len(good)),
-        "cost [95 %]": cost_text(found),
-        "final distance m [95 %]": _away(found),
-        "its median": f"{good['final_distance'].median():.2f}",
+        "method": cell.name,
+        "trials": str(len(cell.good)),
+        "cost [95 %]": cost_text(cell),
+        "final distance m [95 %]": _final_distance(cell),
+        "its median": f"{cell.good['final_distance'].median():.2f}",
         "furthest x m": _median(beliefs.furthest),
-        "in the light % [95 %]": interval_text(lit.times(100), 0),
-        "belief sd at the end m": _median(beliefs.spread),
-        "median NEES": f"{good['nees'].median():.1f}",
+        "in the light % [95 %]": interval_text(in_light.times(100), 0),
+        "belief sd at the end m": _median(beliefs.final_sd),
+        "median NEES": f"{cell.good['nees'].median():.1f}",
     }
 
 
-def seen(found: CellResults) -> Seen:
-    """Of the kept trials that went well."""
-    light, made = found.cell.config["system"]["light"], []
-    paths = found.paths[found.paths["trial"].isin(found.good["trial"])]
-    for _, steps in paths.groupby("trial"):
-        mean, last = np.stack(list(steps["mean"])), np.asarray(steps["cov"].iloc[-1])
-        variances = last.reshape(mean.shape[1], -1).diagonal()
-        made.append(
-            (
-                mean[:, 0].max(),
-                np.abs(mean[:, 0] - light).min() <= NEAR,
-                np.sqrt(np.mean(variances)),
-            )
-        )
-    furthest, lit, spread = zip(*made, strict=True) if made else ((), (), ())
-    return Seen(np.array(furthest), np.array(lit, dtype=bool), np.array(spread))
+def kept_beliefs(cell: CellResults) -> KeptBeliefs:
+    """Evaluates the beliefs of the kept trials that did not fail."""
+    light = cell.config["system"]["light"]
+    furthest = []
+    in_light = []
+    final_sd = []
+    for _, steps in cell.good_paths.groupby("trial"):
+        mean = np.stack(list(steps["mean"]))
+        covariance = np.asarray(steps["cov"].iloc[-1]).reshape(mean.shape[1], -1)
+        furthest.append(mean[:, 0].max())
+        in_light.append(np.abs(mean[:, 0] - light).min() <= LIGHT_REACH)
+        final_sd.append(np.sqrt(np.mean(covariance.diagonal())))
+    return KeptBeliefs(np.array(furthest), np.array(in_light, dtype=bool), np.array(final_sd))
 
 
-def _away(found: CellResults) -> str:
-    """Mean distance to the goal at the end and its interval."""
-    away: Estimate = mean_interval(found.good["final_distance"].to_numpy())
-    return interval_text(away, 2)
+def _final_distance(cell: CellResults) -> str:
+    """Returns the mean distance to the goal at the end, with its interval."""
+    return interval_text(mean_interval(cell.good["final_distance"].to_numpy()), 2)
 
 
 def _median(values: np.ndarray) -> str:

@@ -1,4 +1,4 @@
-"""Quality per time: what a method's setting takes of time, and what it buys in cost and collisions."""
+"""Quality per time: time of a step, cost and collisions with each setting of each method."""
 
 import math
 from collections.abc import Sequence
@@ -7,16 +7,16 @@ from pathlib import Path
 
 import pandas as pd
 
-from .. import figures
-from ..cell_results import CellResults, by_method, differing_labels, paired_rows
+from ..cell_results import CellResults, by_method, differing_labels
+from ..comparison import collision_difference, cost_difference
 from ..elements import cost_text, write_picture, write_table
+from ..figures.quality import quality_figure
 from ..figures.style import method_order
 from ..page import Section
-from ..statistics import Estimate, paired_mean_difference, paired_rate_difference
 from ..summary import interval_text, summarise_trials, summary_text
 
 ABOVE = "above best [95 %]"
-SHOWN = (
+QUALITY_COLUMNS = (
     "method",
     "setting",
     "samples",
@@ -27,155 +27,156 @@ SHOWN = (
     "ESS",
     "trials",
 )
-ENOUGH = 0.05  # of the least cost; a choice
+TOLERANCE = 0.05  # of the lowest cost; a setting within it counts as good enough; a choice
 
 
-def quality(founds: list[CellResults], folder: Path) -> Section:
-    """The table and figure of all settings, and for each method the quickest that is good enough."""
-    there = by_method(founds)
-    methods = [there[method] for method in sorted(there, key=method_order)]
-    alt = "Cost and collision rate against milliseconds per step and against sampled paths per step, a line a method"
+def quality_per_time_section(cells: list[CellResults], folder: Path) -> Section:
+    """Builds the section: all settings, and for each method the quickest that is good enough."""
+    methods = by_method(cells)
+    groups = [methods[method] for method in sorted(methods, key=method_order)]
+    stem = "quality_per_time"
+    caption = "Every setting of every method"
+    alt = (
+        "Cost and collision rate against milliseconds per step and against sampled paths per step; "
+        "one line per method"
+    )
+    verdicts = [
+        f"{advice(group)}. {collision_range(group)}."
+        for group in groups
+        if any(len(cell.good) for cell in group)
+    ]
     return Section(
         "Quality per time: which setting to choose",
         [
-            "Settings of a method are compared trial by trial, since all met the same noise. "
-            f"One is good enough here if it costs for certain less than {100 * ENOUGH:g} % more than the best: "
-            "where the 95 % interval of the difference ends below that."
-            f"{_real_time(founds)}",
-            *(
-                f"{advice(cells)}. {collisions(cells)}."
-                for cells in methods
-                if any(len(one.good) for one in cells)
-            ),
+            "The settings of a method are compared trial by trial, since all met the same noise. A "
+            f"setting is good enough here if the 95 % interval of its cost above the best setting "
+            f"ends below {100 * TOLERANCE:g} % of the best cost.{_real_time(cells)}",
+            *verdicts,
         ],
-        [
-            write_table(
-                folder,
-                "quality_per_time",
-                "Every setting of every method",
-                lines(methods),
-                [*chain(*methods)],
-            )
-        ],
-        write_picture(folder, "quality_per_time", figures.quality_figure(founds), alt),
+        [write_table(folder, stem, caption, quality_frame(groups), [*chain(*groups)])],
+        write_picture(folder, stem, quality_figure(cells), alt),
     )
 
 
-def lines(methods: Sequence[Sequence[CellResults]]) -> pd.DataFrame:
-    """A line a cell: the method, what of it was set, sampled paths a step, what that takes and buys."""
-    text = []
-    for cells in methods:
-        best = _best(cells)
-        for found, setting in zip(cells, settings(cells), strict=True):
-            line = summary_text(
-                found.rows, {"method": found.name, "setting": setting or "-"}, found.seconds
-            )
-            line["samples"] = str(found.samples or "-")
-            line[ABOVE] = "-" if found is best else interval_text(_above(found, best), 2)
-            text.append({name: line.get(name, "-") for name in SHOWN})
-    return pd.DataFrame(text)
+def quality_frame(groups: Sequence[Sequence[CellResults]]) -> pd.DataFrame:
+    """Returns a line of text per cell; each group holds the cells of one method."""
+    lines = []
+    for group in groups:
+        best = _best(group)
+        for cell, setting in zip(group, setting_texts(group), strict=True):
+            labels = {"method": cell.name, "setting": setting or "-"}
+            line = summary_text(cell.rows, labels, cell.seconds)
+            line["samples"] = str(cell.samples or "-")
+            line[ABOVE] = "-" if cell is best else interval_text(cost_difference(cell, best), 2)
+            lines.append({name: line.get(name, "-") for name in QUALITY_COLUMNS})
+    return pd.DataFrame(lines)
 
 
-def settings(cells: Sequence[CellResults]) -> list[str]:
-    """What tells the cells of one method apart, as a command line says it."""
+def setting_texts(cells: Sequence[CellResults]) -> list[str]:
+    """Returns the settings in which the cells of one method differ, as on the command line."""
     return [
-        " ".join(f"{name}={value}" for name, value in one.items() if value != "-")
-        for one in differing_labels(cells)
+        " ".join(f"{name}={value}" for name, value in labels.items() if value != "-")
+        for labels in differing_labels(cells)
     ]
 
 
 def advice(cells: Sequence[CellResults]) -> str:
-    """The best setting of one method and, where all were timed, the quickest that is good enough; some trial went well.
+    """Names the best setting of one method and the quickest one that is good enough.
 
+    At least one trial must have succeeded. The quickest setting is named only where all were timed.
     A setting of which more trials failed than of another is never recommended.
     """
-    told = {
-        found.cell.id: _told(found, setting)
-        for found, setting in zip(cells, settings(cells), strict=True)
-    }
-    cells = _sound(cells)
-    best = _best(cells)
-    bound = ENOUGH * summarise_trials(best.rows, None).cost.value
-    if not _timed(cells):
-        return f"{best.name}: the best is {told[best.cell.id]}, and not all settings were timed"
+    settings = zip(cells, setting_texts(cells), strict=True)
+    descriptions = {cell.id: _describe(cell, setting) for cell, setting in settings}
+    sound = _soundest(cells)
+    best = _best(sound)
+    best_text = descriptions[best.id]
+    if not _all_timed(sound):
+        return f"{best.name}: the best is {best_text}, and not all settings were timed"
+
+    # The best cell itself ends the search at the latest.
+    bound = TOLERANCE * summarise_trials(best.rows, None).cost.value
     quickest = next(
-        found for found in _by_time(cells) if found is best or _above(found, best).high <= bound
+        cell
+        for cell in _by_time(sound)
+        if cell is best or cost_difference(cell, best).high <= bound
     )
-    if quickest is best:
-        lead = (
-            "no setting quicker than the best is shown to be good enough: "
-            if len(cells) > 1
-            else ""
+    if quickest is not best:
+        above = interval_text(cost_difference(quickest, best), 2)
+        return (
+            f"{best.name}: the quickest setting that is good enough is "
+            f"{descriptions[quickest.cell.id]}, {above} above the best, {best_text}"
         )
-        return f"{best.name}: {lead}{told[best.cell.id]}"
-    more, chosen = interval_text(_above(quickest, best), 2), told[quickest.cell.id]
-    return f"{best.name}: the quickest that is good enough is {chosen}, {more} above the best, {told[best.cell.id]}"
+    if len(sound) == 1:
+        return f"{best.name}: {best_text}"
+    return f"{best.name}: no setting quicker than the best is shown to be good enough: {best_text}"
 
 
-def collisions(cells: Sequence[CellResults]) -> str:
-    """How often one method collides, and what the slowest setting changes about it; some trial of it went well."""
-    there = _by_time([found for found in cells if len(found.good)])
-    rates = [summarise_trials(found.rows, None).collided.times(100) for found in there]
-    if len(there) == 1:
+def collision_range(cells: Sequence[CellResults]) -> str:
+    """Says how often one method collides, and by how much the slowest setting changes it.
+
+    At least one trial must have succeeded.
+    """
+    ordered = _by_time([cell for cell in cells if len(cell.good)])
+    rates = [summarise_trials(cell.rows, None).collided.times(100) for cell in ordered]
+    if len(ordered) == 1:
         return f"Collisions: {interval_text(rates[0], 1)} %"
-    quick, slow = paired_rows(there[0], there[-1])
-    change, _ = paired_rate_difference(slow["collided"].to_numpy(), quick["collided"].to_numpy())
-    low, high = min(rates).value, max(rates).value
-    ends = (
-        "the quickest setting to the slowest" if _timed(there) else "the first setting to the last"
+    change, _ = collision_difference(ordered[-1], ordered[0])
+    ends = "the first setting to the last"
+    if _all_timed(ordered):
+        ends = "the quickest setting to the slowest"
+    return (
+        f"Collisions: {min(rates).value:.1f} to {max(rates).value:.1f} %; from {ends} they change "
+        f"by {interval_text(change.times(100), 1)} points"
     )
-    told = f"from {ends} they change by {interval_text(change.times(100), 1)} points"
-    return f"Collisions: {low:.1f} to {high:.1f} %; {told}"
 
 
 def _best(cells: Sequence[CellResults]) -> CellResults:
-    """The cell of least mean cost, of those that have one."""
-    costs = [summarise_trials(found.rows, None).cost.value for found in cells]
-    return cells[
-        min(
-            range(len(cells)),
-            key=lambda index: math.inf if math.isnan(costs[index]) else costs[index],
-        )
-    ]
+    """Returns the first cell of lowest mean cost, among those that have one."""
+
+    def cost(cell: CellResults) -> float:
+        value = summarise_trials(cell.rows, None).cost.value
+        return math.inf if math.isnan(value) else value
+
+    return min(cells, key=cost)
 
 
-def _sound(cells: Sequence[CellResults]) -> list[CellResults]:
-    """The cells of which the smallest part of the trials failed."""
-    failed = [
-        1 - len(found.good) / len(found.rows) if len(found.rows) else math.inf for found in cells
-    ]
-    return [found for found, part in zip(cells, failed, strict=True) if part == min(failed)]
+def _soundest(cells: Sequence[CellResults]) -> list[CellResults]:
+    """Returns the cells of which the smallest part of the trials failed."""
+    failed = [1 - len(cell.good) / len(cell.rows) if len(cell.rows) else math.inf for cell in cells]
+    return [cell for cell, part in zip(cells, failed, strict=True) if part == min(failed)]
 
 
-def _timed(cells: Sequence[CellResults]) -> bool:
-    return not any(math.isnan(summarise_trials(found.rows, found.seconds).time) for found in cells)
+def _step_time(cell: CellResults) -> float:
+    """Returns the median time of a control step in ms, NaN where none was measured."""
+    return summarise_trials(cell.rows, cell.seconds).time
+
+
+def _all_timed(cells: Sequence[CellResults]) -> bool:
+    return not any(math.isnan(_step_time(cell)) for cell in cells)
 
 
 def _by_time(cells: Sequence[CellResults]) -> list[CellResults]:
-    """The quickest first; as they are given where one was not timed."""
-    if not _timed(cells):
-        return list(cells)
-    return sorted(cells, key=lambda found: summarise_trials(found.rows, found.seconds).time)
+    """Sorts the cells by their time; keeps their order where one was not timed."""
+    return sorted(cells, key=_step_time) if _all_timed(cells) else list(cells)
 
 
-def _above(found: CellResults, best: CellResults) -> Estimate:
-    one, other = paired_rows(found, best)
-    return paired_mean_difference(one["cost"].to_numpy(), other["cost"].to_numpy())
-
-
-def _told(found: CellResults, setting: str) -> str:
-    """A setting with its cost and, where it was taken, its time."""
-    time = summarise_trials(found.rows, found.seconds).time
-    numbers = f"cost {cost_text(found)}" + ("" if math.isnan(time) else f", {time:.2f} ms a step")
+def _describe(cell: CellResults, setting: str) -> str:
+    """Returns a setting with its cost and, where it was measured, its time."""
+    time = _step_time(cell)
+    numbers = f"cost {cost_text(cell)}"
+    if not math.isnan(time):
+        numbers += f", {time:.2f} ms per step"
     return f"`{setting}` ({numbers})" if setting else numbers
 
 
-def _real_time(founds: Sequence[CellResults]) -> str:
-    """How the slowest setting compares with the time that a step of the system lasts."""
-    steps = {found.cell.config["problem"].get("dt") for found in founds}
-    slow = [
-        summarise_trials(found.rows, found.seconds).time_p95 for found in founds if found.seconds
-    ]
-    if len(steps) != 1 or None in steps or not slow:
+def _real_time(cells: Sequence[CellResults]) -> str:
+    """Compares the slowest setting with the time step of the system."""
+    steps = {cell.config["problem"].get("dt") for cell in cells}
+    times = [summarise_trials(cell.rows, cell.seconds).time_p95 for cell in cells if cell.seconds]
+    if len(steps) != 1 or None in steps or not times:
         return ""
-    return f" A step of the system lasts {1e3 * steps.pop():g} ms; the slowest setting takes {max(slow):.1f} ms (p95)."
+    return (
+        f" A time step of the system lasts {1e3 * steps.pop():g} ms; a control step of the slowest "
+        f"setting takes {max(times):.1f} ms (95th percentile)."
+    )

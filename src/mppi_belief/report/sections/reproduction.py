@@ -1,177 +1,246 @@
-"""How well each published number is met: Table I, which was fitted, and the sweeps, which were not."""
+"""How well each published number is met: Table I was fitted, the sweeps were held out."""
 
 import math
 from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 
 from .. import published
-from ..agreement import mean_z, proportion_z, spread_z
-from ..cell_results import CellResults
+from ..cell_results import CellResults, Studies, by_method
+from ..elements import write_table
+from ..page import Section
+from ..statistics import mean_z, proportion_z, spread_z
 from ..summary import TrialSummary, summarise_trials
 
-FITTED, HELD_OUT = "fitted", "held out"
-AGREES = 2.0  # standard errors
-UNSAFE = 0.10  # the baselines stay above this at every weight
+FITTED = "fitted"
+HELD_OUT = "held out"
+AGREEMENT = 2.0  # standard errors within which two numbers count as agreeing
+UNSAFE_RATE = 0.10  # the paper's baselines stay above this collision rate at every weight
 
 
-class Compared(NamedTuple):
-    """One published number and ours: texts, and z, the difference in standard errors."""
+class ComparedNumber(NamedTuple):
+    """Holds one published number and ours."""
 
-    kind: str
-    what: str
+    kind: str  # `FITTED` or `HELD_OUT`
+    label: str
     paper: str
     ours: str
-    z: float
-    is_range: bool = False  # what the paper gives is a range, and z = 0 within
+    z: float  # the difference in standard errors
+    is_range: bool = False  # whether the paper gives a range; then z = 0 within it
 
 
-def compare(
-    table_1: Sequence[CellResults], theta: Sequence[CellResults], weights: Sequence[CellResults]
-) -> list[Compared]:
-    """Every number that Table I, the theta sweep and the obstacle-weight sweep publish."""
-    return [
-        *(
-            line
-            for found in table_1
-            for line in _table_1(found, summarise_trials(found.rows, None))
-        ),
-        *(line for found in theta for line in _theta(found, summarise_trials(found.rows, None))),
-        *(line for found in weights for line in _weight(found, summarise_trials(found.rows, None))),
+def reproduction_sections(studies: Studies, folder: Path) -> list[Section]:
+    """Builds the section from Table I and both sweeps; returns none without results of them."""
+    table_1 = studies.get("table_1", [])
+    weights = studies.get("w_obs_sweep", [])
+    numbers = compare_numbers(table_1, studies.get("theta_sweep", []), weights)
+    if not numbers:
+        return []
+
+    tables = []
+    for kind in (FITTED, HELD_OUT):
+        frame = compared_frame(numbers, kind)
+        if len(frame):
+            stem = f"reproduction_{kind.replace(' ', '_')}"
+            caption = f"{kind.capitalize().replace(' ', '-')} numbers, z in standard errors"
+            tables.append(write_table(folder, stem, caption, frame))
+    values = _open_values(table_1)
+    if len(values):
+        caption = "What the paper leaves open, with the calibrated values"
+        tables.append(write_table(folder, "calibrated", caption, values))
+
+    text = (
+        "The paper leaves about ten numbers open. They were fitted to the costs, spreads and "
+        "collision rates of Table I and to nothing else; both sweeps are predictions. z is the "
+        "difference in standard errors; both sides are Monte Carlo estimates. Four choices were "
+        "made by hand before the fit, so that the paper's qualitative picture appears: sigma_o is "
+        "the standard deviation of a sample, the variance of Remark 4 is that of the obstacle "
+        "penalty, a step is charged at its end, and the particle filter takes the measurement "
+        "noise at the particles' mean."
+    )
+    sentences = [
+        verdict(numbers, FITTED),
+        verdict(numbers, HELD_OUT),
+        *judged_claims(table_1, weights),
     ]
+    return [Section("How well the published numbers are met", [text, *sentences], tables)]
 
 
-def _table_1(found: CellResults, ours: TrialSummary) -> Iterator[Compared]:
-    paper, m = published.TABLE_1.get(found.method), published.TRIALS
+def _open_values(cells: Sequence[CellResults]) -> pd.DataFrame:
+    """Returns the calibrated settings of Table I's MPPI-Belief."""
+    rows = []
+    for cell in by_method(cells).get("belief", [])[:1]:
+        for key, meaning in published.OPEN.items():
+            group, _, name = key.partition(".")
+            value = str(cell.config[group].get(name, "-"))
+            rows.append({"Key": key, "Meaning": meaning, "Value": value})
+    return pd.DataFrame(rows)
+
+
+def compare_numbers(
+    table_1: Sequence[CellResults], theta: Sequence[CellResults], weights: Sequence[CellResults]
+) -> list[ComparedNumber]:
+    """Compares every number that Table I, the theta sweep and the obstacle-weight sweep publish."""
+    numbers: list[ComparedNumber] = []
+    for cell in table_1:
+        numbers.extend(_compare_table_1(cell, summarise_trials(cell.rows, None)))
+    for cell in theta:
+        numbers.extend(_compare_theta(cell, summarise_trials(cell.rows, None)))
+    for cell in weights:
+        numbers.extend(_compare_weight(cell, summarise_trials(cell.rows, None)))
+    return numbers
+
+
+def _compare_table_1(cell: CellResults, ours: TrialSummary) -> Iterator[ComparedNumber]:
+    """Compares cost, spread and collisions of one cell with Table I."""
+    paper = published.TABLE_1.get(cell.method)
+    n = published.PAPER_TRIALS
     if paper is None or ours.good < 2:
         return
-    z = mean_z(ours.cost.value, ours.sd, ours.good, paper.cost, paper.spread, m)
-    yield Compared(FITTED, f"{found.name}, cost", f"{paper.cost}", f"{ours.cost.value:.1f}", z)
-    z = spread_z(ours.sd, ours.good, paper.spread, m)
-    yield Compared(
-        FITTED, f"{found.name}, spread of the cost", f"{paper.spread}", f"{ours.sd:.1f}", z
-    )
-    yield _rate(
-        FITTED, f"{found.name}, collisions %", ours, paper.collisions / m, paper.collisions / m
-    )
+    z = mean_z(ours.cost.value, ours.sd, ours.good, paper.cost, paper.spread, n)
+    cost = f"{ours.cost.value:.1f}"
+    yield ComparedNumber(FITTED, f"{cell.name}, cost", f"{paper.cost}", cost, z)
+
+    z = spread_z(ours.sd, ours.good, paper.spread, n)
+    label = f"{cell.name}, spread of the cost"
+    yield ComparedNumber(FITTED, label, f"{paper.spread}", f"{ours.sd:.1f}", z)
+
+    rate = paper.collisions / n
+    yield _compare_rate(FITTED, f"{cell.name}, collisions %", ours, rate, rate)
 
 
-def _theta(found: CellResults, ours: TrialSummary) -> Iterator[Compared]:
-    theta, m = float(found.labels["theta"]), published.TRIALS
-    paper = published.THETA.get(theta)
+def _compare_theta(cell: CellResults, ours: TrialSummary) -> Iterator[ComparedNumber]:
+    """Compares one cell of the theta sweep with the text. Ours stands for spreads it omits."""
+    theta = float(cell.labels["theta"])
+    paper = published.PAPER_THETA.get(theta)
+    n = published.PAPER_TRIALS
     if paper is None or ours.good < 2:
         return
-    fitted = FITTED if theta == published.TABLE_1_THETA else HELD_OUT  # the same cell as in Table I
-    yield _rate(fitted, f"theta {theta:g}, collisions %", ours, *paper.collision_rate)
-    if paper.clearance is not None:  # its spread is not published: ours is taken for both
-        values = found.good["clearance"].to_numpy(dtype=float)
+    kind = FITTED if theta == published.TABLE_1_THETA else HELD_OUT  # the former is in Table I too
+    yield _compare_rate(kind, f"theta {theta:g}, collisions %", ours, *paper.collision_rate)
+
+    if paper.clearance is not None:
+        values = cell.good["clearance"].to_numpy(dtype=float)
         sd = float(np.std(values, ddof=1)) if np.all(np.isfinite(values)) else math.nan
-        z = mean_z(ours.clearance.value, sd, ours.good, paper.clearance, sd, m)
-        texts = f"{paper.clearance:.2f}", f"{ours.clearance.value:.2f}"
-        yield Compared(HELD_OUT, f"theta {theta:g}, clearance m", *texts, z)
+        z = mean_z(ours.clearance.value, sd, ours.good, paper.clearance, sd, n)
+        label = f"theta {theta:g}, clearance m"
+        clearance = f"{ours.clearance.value:.2f}"
+        yield ComparedNumber(HELD_OUT, label, f"{paper.clearance:.2f}", clearance, z)
+
     if paper.cost is not None:
-        z = mean_z(ours.cost.value, ours.sd, ours.good, paper.cost, ours.sd, m)
-        yield Compared(
-            fitted, f"theta {theta:g}, cost", f"{paper.cost}", f"{ours.cost.value:.1f}", z
-        )
+        z = mean_z(ours.cost.value, ours.sd, ours.good, paper.cost, ours.sd, n)
+        cost = f"{ours.cost.value:.1f}"
+        yield ComparedNumber(kind, f"theta {theta:g}, cost", f"{paper.cost}", cost, z)
 
 
-def _weight(found: CellResults, ours: TrialSummary) -> Iterator[Compared]:
-    w_obs = float(found.labels["w_obs"])
-    what = f"w_obs {w_obs:g}, {found.name}, collisions %"
+def _compare_weight(cell: CellResults, ours: TrialSummary) -> Iterator[ComparedNumber]:
+    """Compares the collisions of one cell of the obstacle-weight sweep with the text."""
+    w_obs = float(cell.labels["w_obs"])
+    label = f"w_obs {w_obs:g}, {cell.name}, collisions %"
     if ours.good < 2:
         return
-    if found.method in published.BASELINES:
-        yield _rate(HELD_OUT, what, ours, *published.BASELINE_RANGE)
-    elif found.method == "belief":
+    if cell.method in published.BASELINES:
+        yield _compare_rate(HELD_OUT, label, ours, *published.BASELINE_RANGE)
+    elif cell.method == "belief":
         bounds = [rate for start, rate in published.BELIEF_BELOW.items() if w_obs >= start]
         if bounds:
-            yield _rate(HELD_OUT, what, ours, 0.0, min(bounds))
+            yield _compare_rate(HELD_OUT, label, ours, 0.0, min(bounds))
 
 
-def _rate(kind: str, what: str, ours: TrialSummary, low: float, high: float) -> Compared:
-    """A collision rate against one the paper gives, or the nearest end of its range; z = 0 within."""
-    rate, m = ours.collided.value, published.TRIALS
+def _compare_rate(
+    kind: str, label: str, ours: TrialSummary, low: float, high: float
+) -> ComparedNumber:
+    """Compares a collision rate with the nearest rate in the paper's range; z = 0 within it."""
+    rate = ours.collided.value
+    n = published.PAPER_TRIALS
     nearest = min(max(rate, low), high)
-    z = proportion_z(ours.collisions, ours.good, nearest * m, m)
-    paper = f"{100 * low:.1f}" if low == high else f"{100 * low:g} to {100 * high:g}"
-    return Compared(kind, what, paper, f"{100 * rate:.1f}", z, low != high)
+    z = proportion_z(ours.collisions, ours.good, nearest * n, n)
+    is_range = low != high
+    paper = f"{100 * low:g} to {100 * high:g}" if is_range else f"{100 * low:.1f}"
+    return ComparedNumber(kind, label, paper, f"{100 * rate:.1f}", z, is_range)
 
 
-def as_frame(lines: Sequence[Compared], kind: str) -> pd.DataFrame:
-    """The lines of one kind as text."""
-    chosen = [line for line in lines if line.kind == kind]
+def compared_frame(numbers: Sequence[ComparedNumber], kind: str) -> pd.DataFrame:
+    """Returns the numbers of one kind as text."""
+    chosen = [number for number in numbers if number.kind == kind]
     return pd.DataFrame(
         {
-            "Number": [line.what for line in chosen],
-            "Paper": [line.paper for line in chosen],
-            "Here": [line.ours for line in chosen],
-            "z": ["-" if math.isnan(line.z) else f"{line.z:+.1f}" for line in chosen],
+            "Number": [number.label for number in chosen],
+            "Paper": [number.paper for number in chosen],
+            "Here": [number.ours for number in chosen],
+            "z": ["-" if math.isnan(number.z) else f"{number.z:+.1f}" for number in chosen],
         }
     )
 
 
-def verdict(lines: Sequence[Compared], kind: str) -> str:
-    """One sentence: how many of the numbers of one kind agree, and of the ranges, and which is farthest."""
-    chosen, name = (
-        [line for line in lines if line.kind == kind and math.isfinite(line.z)],
-        kind.replace(" ", "-"),
-    )
+def verdict(numbers: Sequence[ComparedNumber], kind: str) -> str:
+    """Says how many numbers and ranges of one kind agree, and which one is farthest."""
+    chosen = [number for number in numbers if number.kind == kind and math.isfinite(number.z)]
+    name = kind.replace(" ", "-")
     if not chosen:
         return f"None of the {name} numbers has results yet."
-    worst = max(chosen, key=lambda line: abs(line.z))
-    points, ranges = (
-        [line for line in chosen if line.is_range == wanted] for wanted in (False, True)
-    )
-    met, within = (sum(abs(line.z) <= AGREES for line in part) for part in (points, ranges))
-    also = f", and {within} of {len(ranges)} ranges are met as well" if ranges else ""
+    points = [number for number in chosen if not number.is_range]
+    ranges = [number for number in chosen if number.is_range]
+    agreeing = sum(abs(number.z) <= AGREEMENT for number in points)
+    within = sum(abs(number.z) <= AGREEMENT for number in ranges)
+    farthest = max(chosen, key=lambda number: abs(number.z))
+    range_text = f", and {within} of {len(ranges)} ranges are met" if ranges else ""
     return (
-        f"{met} of the {len(points)} {name} numbers agree within {AGREES:g} standard errors{also}; "
-        f"the farthest is {worst.what}: {worst.ours} here, {worst.paper} in the paper (z = {worst.z:+.1f})."
+        f"{agreeing} of the {len(points)} {name} numbers agree within {AGREEMENT:g} standard errors"
+        f"{range_text}; the farthest is {farthest.label}: {farthest.ours} here, {farthest.paper} "
+        f"in the paper (z = {farthest.z:+.1f})."
     )
 
 
-def claims(table_1: Sequence[CellResults], weights: Sequence[CellResults]) -> list[str]:
-    """What the paper concludes, judged on our trials: one sentence each, exceptions named."""
-    found = [_is_safe(one) for one in table_1 if one.method == "belief" and len(one.good)]
+def judged_claims(table_1: Sequence[CellResults], weights: Sequence[CellResults]) -> list[str]:
+    """Judges the conclusions of the paper on our trials, a sentence each, and names exceptions."""
+    sentences = [
+        _safety_of_belief(cell) for cell in table_1 if cell.method == "belief" and len(cell.good)
+    ]
     baselines = [
-        one for one in (*table_1, *weights) if one.method in published.BASELINES and len(one.good)
+        cell
+        for cell in (*table_1, *weights)
+        if cell.method in published.BASELINES and len(cell.good)
     ]
     if baselines:
-        text = f"Every baseline collides in more than {100 * UNSAFE:g} % of its trials at every obstacle weight"
-        found.append(_but(text, baselines, lambda rate: rate > UNSAFE))
-        found.append(
-            _but(
-                "No baseline is free of collisions at any obstacle weight",
-                baselines,
-                lambda rate: rate > 0,
-            )
+        claim = (
+            f"Every baseline collides in more than {100 * UNSAFE_RATE:g} % of its trials at every "
+            "obstacle weight"
         )
-    heavy = min(start for start, rate in published.BELIEF_BELOW.items() if rate > 0)
-    belief = [
-        one
-        for one in weights
-        if one.method == "belief" and one.labels["w_obs"] >= heavy and len(one.good)
+        sentences.append(_judge(claim, baselines, lambda rate: rate > UNSAFE_RATE))
+        claim = "No baseline is free of collisions at any obstacle weight"
+        sentences.append(_judge(claim, baselines, lambda rate: rate > 0))
+
+    start = min(start for start, rate in published.BELIEF_BELOW.items() if rate > 0)
+    heavy = [
+        cell
+        for cell in weights
+        if cell.method == "belief" and cell.labels["w_obs"] >= start and len(cell.good)
     ]
-    if belief:
-        text = f"MPPI-Belief collides in less than 1 % of its trials from w_obs = {heavy:g} on"
-        found.append(_but(text, belief, lambda rate: rate < published.BELIEF_BELOW[heavy]))
-    return found
+    if heavy:
+        claim = f"MPPI-Belief collides in less than 1 % of its trials from w_obs = {start:g} on"
+        sentences.append(_judge(claim, heavy, lambda rate: rate < published.BELIEF_BELOW[start]))
+    return sentences
 
 
-def _is_safe(one: CellResults) -> str:
-    hits, n = int(one.collided.sum()), len(one.good)
-    text = f"MPPI-Belief at theta = {one.labels['theta']:g} has {hits} collisions in {n} trials"
-    return text + (", as published." if hits == 0 else "; the paper has none.")
+def _safety_of_belief(cell: CellResults) -> str:
+    """Compares the collisions of MPPI-Belief with the paper's none."""
+    hits = int(cell.collided.sum())
+    theta = cell.labels["theta"]
+    ending = ", as published." if hits == 0 else "; the paper has none."
+    return (
+        f"MPPI-Belief at theta = {theta:g} has {hits} collisions in {len(cell.good)} trials{ending}"
+    )
 
 
-def _but(text: str, founds: Sequence[CellResults], holds: Callable[[float], bool]) -> str:
-    """The claim, and where it fails."""
-    failing: dict[str, None] = {}  # a cell of two studies fails once
-    for one in founds:
-        hit = float(one.collided.mean())
-        if not holds(hit):
-            failing[f"{one.name} at w_obs = {one.labels['w_obs']:g} ({100 * hit:.1f} %)"] = None
-    return f"{text}: fails for {', '.join(failing)}." if failing else f"{text}: holds."
+def _judge(claim: str, cells: Sequence[CellResults], holds: Callable[[float], bool]) -> str:
+    """Says whether a claim on collision rates holds, and for which cells it fails."""
+    failing: dict[str, None] = {}  # a cell that two studies share is named once
+    for cell in cells:
+        rate = float(cell.collided.mean())
+        if not holds(rate):
+            failing[f"{cell.name} at w_obs = {cell.labels['w_obs']:g} ({100 * rate:.1f} %)"] = None
+    return f"{claim}: fails for {', '.join(failing)}." if failing else f"{claim}: holds."
