@@ -165,7 +165,7 @@ def test_missing_cells_and_trials_are_told_with_the_command_that_runs_them(repor
     assert sorted(line.split()) == sorted(["mppi-belief", "run", *TABLE_1])
     assert where == "report: outputs/report/index.html"
     assert set(FILES) <= set(files_in(folder))
-    assert "27 trials missing" in (folder / "index.html").read_text()
+    assert "27 trials are missing" in (folder / "index.html").read_text()
     assert pd.read_csv(folder / "table_1.csv")["trials"].tolist() == [12, 9, 0, 0]
 
 
