@@ -19,12 +19,12 @@ $(VENV)/.installed: pyproject.toml constraints.txt
 
 install: $(VENV)/.installed  ## make the environment in .venv
 
-run: install  ## the main job: MPPI-Belief, 200 trials, a table and a picture
+run: install  ## run 200 trials of MPPI-Belief; print a table and draw a picture
 	$(BIN)/mppi-belief run controller=belief theta=1 $(ARGS)
 
 STUDIES := table_1 w_obs_sweep theta_sweep expectation diffusion horizon_and_samples quality_per_time
 
-report: install  ## run what is missing of the paper's studies, then tables, figures and outputs/report/index.html
+report: install  ## run what is missing of the paper's studies and report them in outputs/report/index.html
 	@for study in $(STUDIES); do echo "== $$study"; \
 	  $(BIN)/mppi-belief run experiment=$$study $(ARGS) || [ $$? -eq 3 ] || exit 1; done  # 3: some trials failed
 	@echo "== certificates"; $(BIN)/mppi-belief verify $(filter seed=% workers=% verify_dir=%,$(ARGS)) || [ $$? -eq 1 ]  # 1: one fails
@@ -34,45 +34,45 @@ BEYOND := information proposals two_lanes nonlinearity controlled_sensing platt_
 comma := ,
 space := $(subst ,, )
 
-beyond: install  ## the studies beyond the paper, twenty minutes, into outputs/beyond/index.html
+beyond: install  ## run the studies beyond the paper and report them in outputs/beyond/index.html (twenty minutes)
 	@for study in $(BEYOND); do echo "== $$study"; \
 	  $(BIN)/mppi-belief run experiment=$$study $(ARGS) || [ $$? -eq 3 ] || exit 1; done  # 3: some trials failed
 	$(BIN)/mppi-belief report experiment=$(subst $(space),$(comma),$(BEYOND)) report_dir=outputs/beyond $(ARGS)
 
-verify: install  ## certificates of the paper's theorems, a minute or two: outputs/verify/certificates.md
+verify: install  ## compute certificates of the paper's theorems into outputs/verify/certificates.md (two minutes)
 	$(BIN)/mppi-belief verify $(ARGS)
 
-calibration: install  ## search the numbers the paper leaves open, half an hour a call; goes on where it stopped
+calibration: install  ## search the numbers that the paper leaves open; each call continues the search (half an hour)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[dev,cluster,calibration]"
 	$(BIN)/python experiments/calibration/search.py $(ARGS)
 
-test: install  ## the test suite
+test: install  ## run the test suite
 	OMP_NUM_THREADS=1 NPROC=1 $(BIN)/python -m pytest -n $(TEST_WORKERS) --dist loadfile $(ARGS)
 
-test-faults: install  ## everything a run must survive, a quarter of an hour: docs/reliability.md
+test-faults: install  ## test everything that a run must survive, see docs/reliability.md (a quarter of an hour)
 	OMP_NUM_THREADS=1 NPROC=1 $(BIN)/python -m pytest -n $(TEST_WORKERS) --dist loadfile -m "long or not long" tests/faults $(ARGS)
 
-test-long: install  ## certificates and reports of what goes beyond the paper, a minute or two
+test-long: install  ## test the slow certificates and reports beyond the paper (two minutes)
 	OMP_NUM_THREADS=1 NPROC=1 $(BIN)/python -m pytest -n $(TEST_WORKERS) --dist loadfile -m long --ignore=tests/faults tests $(ARGS)
 
-test-scenarios: install  ## ten thousand random scenarios of every controller in both precisions, half an hour
+test-scenarios: install  ## test every controller on ten thousand random scenarios in both precisions (half an hour)
 	OMP_NUM_THREADS=1 NPROC=1 $(BIN)/python tests/random_scenarios.py $(ARGS)
 
-test-solver:  ## the trajectory optimiser against Crocoddyl (1 GB, in an environment of its own)
+test-solver:  ## test the trajectory optimiser against Crocoddyl in an environment of its own (1 GB)
 	$(PYTHON) -m venv $(VENV)-solver
 	$(VENV)-solver/bin/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[solver]"
 	$(VENV)-solver/bin/python -m pytest -o addopts="-q" tests/solver
 
 SLURM := tests/cluster/slurm_on_one_machine.sh
 
-test-cluster: install  ## jobs of a real Slurm, which is set up here and torn down (as root, Debian 12, a quarter of an hour)
+test-cluster: install  ## test on a real Slurm, which is set up here and removed again (root, Debian 12; a quarter of an hour)
 	$(SLURM) up
 	OMP_NUM_THREADS=1 NPROC=1 $(BIN)/python -m pytest -o addopts="-q" tests/cluster $(ARGS); \
 	  ended=$$?; $(SLURM) down; exit $$ended
 
-check: lint types layers  ## linter, type checker and architecture check
+check: lint types layers  ## run the linter, the type checker and the check of the import rule
 
-lint: install
+lint: install  ## run the linter, the formatter's check and the checks of style
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/python docs/scripts/style_report.py --check --report-only
@@ -82,41 +82,42 @@ BEFORE ?=
 style-report:  ## measure how readable the code is; BEFORE=COMMIT adds a column to compare with
 	@$(PYTHON) docs/scripts/style_report.py $(if $(BEFORE),--before $(BEFORE)) $(ARGS)
 
-types: install
+types: install  ## run the type checker
 	$(BIN)/mypy
 
-layers: install
+layers: install  ## check the import rule
 	$(BIN)/lint-imports
 
 format: install  ## format the code
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
-bench: install  ## one control step of ours beside every MPPI library, into outputs/bench/ (the first time: minutes, 12 GB)
+bench: install  ## time one control step beside every MPPI library, into outputs/bench/ (first time: minutes and 12 GB)
 	$(BIN)/python benchmarks/control_step.py $(ARGS)
 
-bench-docs: install  ## the same and the error with antithetic pairs, into docs/benchmarks.md too
+bench-docs: install  ## run bench, measure antithetic pairs, and write both into docs/
 	$(BIN)/python benchmarks/control_step.py --docs $(ARGS)
 	$(BIN)/python benchmarks/variance.py --docs
 
 COMMIT ?= HEAD
 
-bench-compare: install  ## one control step of the working tree against COMMIT=..., interleaved: ratios
+bench-compare: install  ## time one control step of the working tree beside COMMIT=..., interleaved; print ratios
 	$(BIN)/python benchmarks/compare.py $(COMMIT) $(ARGS)
 
-bench-beyond: install  ## what goes beyond the paper takes of time beside what it stands in for: two minutes, into outputs/bench/
+bench-beyond: install  ## time the methods beyond the paper beside what they replace, into outputs/bench/ (two minutes)
 	$(BIN)/python benchmarks/beyond.py $(ARGS)
 
-bench-scale: install  ## whole studies on 1 and 2 cores, many samples, long runs, wide sweeps, start-up: twelve minutes, into outputs/bench/
+bench-scale: install  ## measure whole studies, many samples, long runs, sweeps and start-up, into outputs/bench/ (twelve minutes)
 	$(BIN)/python benchmarks/scale.py $(ARGS)
 
-bench-cluster: install  ## what handing out chunks and storing rows costs, into outputs/bench/
+bench-cluster: install  ## measure the costs of handing out chunks and of storing rows, into outputs/bench/
 	$(BIN)/python benchmarks/cluster.py $(ARGS)
 
-picture: install  ## what README and docs/theory.md show: 200 trials of MPPI-Belief and of CE-MPPI, one of each animated; certificates
+picture: install  ## draw the pictures of README, docs/theory.md and docs/architecture.md
 	$(BIN)/mppi-belief run experiment=table_1 controller=belief,ce
-	$(BIN)/python docs/readme_picture.py
+	$(BIN)/python docs/scripts/readme_picture.py
 	$(BIN)/mppi-belief verify cole_hopf feynman_kac control_law entropic_risk
+	$(BIN)/python docs/scripts/architecture_picture.py
 	for name in cole_hopf feynman_kac control_law entropic_risk; do \
 	  cp outputs/verify/$$name.png docs/img/theory_$$name.png; done
 

@@ -4,7 +4,7 @@
 
 All programs are compiled first, on one CPU with one thread. Then they take turns, one trial of 60
 steps per round. Ratios are those of the medians of one run. Writes outputs/bench/beyond.json and
-.md; `--docs` writes docs/benchmarks.md too.
+.md; `--docs` writes docs/benchmarks_more.md too.
 """
 
 import argparse
@@ -102,7 +102,7 @@ def main(argv: list[str] | None = None) -> None:
     """Measures all rows, writes the report and prints its table."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--rounds", type=int, default=20)
-    parser.add_argument("--docs", action="store_true", help="write docs/benchmarks.md too")
+    parser.add_argument("--docs", action="store_true", help="write docs/benchmarks_more.md too")
     options = parser.parse_args(argv)
     os.sched_setaffinity(0, {one_cpu()})
     report = {

@@ -12,12 +12,10 @@ import sys
 
 import scale
 from document import write_between
-from environments import ROOT
 from scaling import chunks, rows
 from scaling.sizes import QUICK, Sizes
 
 PARTS = {"chunks": chunks, "rows": rows}
-DOCS = ROOT / "docs" / "cluster.md"
 
 
 def main(argv: list[str] | None = None) -> None:
@@ -30,7 +28,7 @@ def main(argv: list[str] | None = None) -> None:
         (scale.OUTPUT / "cluster.json").write_text(json.dumps(report, indent=1))
         (scale.OUTPUT / "cluster.md").write_text(text + "\n")
     if options.docs:
-        write_between("cluster", text, DOCS)
+        write_between("cluster", text)
     print(text)
     sys.exit(any("error" in part for part in report.values()))
 

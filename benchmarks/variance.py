@@ -5,7 +5,7 @@
 The same beliefs and nominals of one closed-loop trial are given to planners with other keys. The
 error is that of the first control against the limit of many samples, so it includes the bias of the
 weights. Times are measured as by `make bench`. Writes outputs/bench/variance.json and .md; `--docs`
-writes docs/benchmarks.md too.
+writes docs/benchmarks_more.md too.
 """
 
 import argparse
@@ -52,7 +52,7 @@ def main(argv: list[str] | None = None) -> None:
     """Measures both controllers, writes the rows and prints the table."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--keys", type=int, default=200)
-    parser.add_argument("--docs", action="store_true", help="write docs/benchmarks.md too")
+    parser.add_argument("--docs", action="store_true", help="write docs/benchmarks_more.md too")
     options = parser.parse_args(argv)
     rows = [row for name in ("belief", "ce") for row in measure(name, options.keys)]
     folder = ROOT / "outputs" / "bench"

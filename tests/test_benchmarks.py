@@ -221,9 +221,9 @@ def test_the_table_has_ratios_to_ours_multiples_of_floors_and_failures():
     assert "| 0.600 | 0.600 |  |" in table.markdown(report(jax_mppi=0.6))  # no ratio without ours
 
 
-@pytest.mark.parametrize("part", ["control_step", "variance"])
+@pytest.mark.parametrize("part", list(document.PAGES))
 def test_the_documents_numbers_are_replaced(part):
-    page = document.DOCS.read_text()
+    page = document.PAGES[part].read_text()
     once = document.between(page, part, "| 1 |")
     assert "\n\n| 1 |\n\n" in once
     assert document.between(once, part, "| 2 |") == once.replace("| 1 |", "| 2 |")

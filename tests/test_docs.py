@@ -1,23 +1,104 @@
-"""What the documents point at is there."""
+"""The documents are true: links lead somewhere, Python runs, commands are accepted."""
 
 import re
+import shlex
+from collections.abc import Iterator
 from pathlib import Path
+from typing import NamedTuple
 
+import matplotlib.pyplot as plt
 import pytest
 
+import study_helpers
+from cli_helpers import collect
+from experiment_helpers import compiled_quickly
+from mppi_belief.results import table
 from mppi_belief.results.certificate import CERTIFICATE_NAMES
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCUMENTS = sorted(
     [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), *(ROOT / "experiments").rglob("*.md")]
 )
+README_LINES = 100
+# A block of code with the comment before it: nothing, `excerpt` (not run), or `file: PATH`.
+CODE_BLOCK = re.compile(
+    r"(?:^<!-- (?P<mark>excerpt|file: \S+) -->\n)?^```python\n(?P<code>.*?)^```$",
+    re.MULTILINE | re.DOTALL,
+)
 
 
-@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: str(path.relative_to(ROOT)))
+class CodeBlock(NamedTuple):
+    """Represents a block of Python in a document."""
+
+    document: Path
+    line: int  # of the document, from 1
+    mark: str | None
+    code: str
+
+
+def code_blocks(document: Path) -> list[CodeBlock]:
+    """Returns the blocks of Python of a document."""
+    text = document.read_text()
+    return [
+        CodeBlock(document, text.count("\n", 0, match.start()) + 1, match["mark"], match["code"])
+        for match in CODE_BLOCK.finditer(text)
+    ]
+
+
+def name_of(value: object) -> str:
+    """Returns the name of a test's document."""
+    return str(value.relative_to(ROOT)) if isinstance(value, Path) else str(value)
+
+
+@pytest.fixture(autouse=True, scope="module")
+def quick() -> Iterator[None]:
+    """Compiles the documents' programs in little time."""
+    with compiled_quickly():
+        yield
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=name_of)
 def test_relative_links_lead_somewhere(document):
     for target in re.findall(r"\]\(([^)#]+)(?:#[^)]*)?\)", document.read_text()):
         if not target.startswith(("http:", "https:", "mailto:")):
             assert (document.parent / target).exists(), target
+
+
+def test_the_readme_is_short():
+    assert len((ROOT / "README.md").read_text().splitlines()) <= README_LINES
+
+
+@pytest.mark.parametrize(
+    "document", [document for document in DOCUMENTS if code_blocks(document)], ids=name_of
+)
+def test_python_in_documents_runs_in_order(document, tmp_path, monkeypatch):
+    """Runs the blocks of one document in one namespace, beside a small results folder."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(plt, "show", lambda: None)
+    rows = [study_helpers.row(trial) for trial in range(3)]
+    table.write_rows(tmp_path / "outputs" / "results" / "belief-0123", rows, {"config": {}})
+    namespace: dict[str, object] = {}
+    for block in code_blocks(document):
+        if block.mark is None:
+            source = compile("\n" * block.line + block.code, str(document), "exec")
+            exec(source, namespace)
+        elif block.mark != "excerpt":
+            assert block.code == (ROOT / block.mark.removeprefix("file: ")).read_text()
+    plt.close("all")
+
+
+def documented_runs() -> list[str]:
+    """Returns the arguments of every `mppi-belief run` in README and docs/commands.md."""
+    text = (ROOT / "README.md").read_text() + (ROOT / "docs" / "commands.md").read_text()
+    commands = re.findall(r"(?:^    |`)mppi-belief run (.+?)(?:`|  |$)", text, re.MULTILINE)
+    return sorted(set(commands))
+
+
+@pytest.mark.parametrize("arguments", documented_runs())
+def test_documented_runs_compose(arguments):
+    words = [word for word in shlex.split(arguments) if "=" in word]
+    if "controller=mine" not in words:  # a controller of the reader's own
+        assert collect(*words)
 
 
 def test_every_certificate_is_named_wherever_certificates_are():

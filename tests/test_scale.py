@@ -341,5 +341,5 @@ def test_a_quick_look_writes_nothing_and_an_unknown_part_is_told(parts, capsys):
 
 
 def test_the_document_has_a_place_for_the_numbers():
-    text = document.DOCS.read_text()
+    text = document.PAGES["scale"].read_text()
     assert "\n\n| 1 |\n\n" in document.between(text, "scale", "| 1 |")
