@@ -8,7 +8,7 @@ TEST_WORKERS ?= 2
 .PHONY: help install run report beyond verify calibration test test-faults test-long test-scenarios test-solver test-cluster check lint types layers style-report format bench bench-docs bench-compare bench-beyond bench-scale bench-cluster picture clean
 
 help:  ## list the targets
-	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-14s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
 $(VENV)/.installed: pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 13))' \
