@@ -133,7 +133,7 @@ def struct(cls: type[T]) -> type[T]:
 
     A `__post_init__` of the class itself is called after its fields are checked.
     """
-    own_check = cls.__dict__.get("__post_init__")
+    own_check = getattr(cls, "__post_init__", None)
 
     def check(self: Any) -> None:
         _check_fields(self)

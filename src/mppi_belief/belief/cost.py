@@ -43,24 +43,26 @@ def risk_sensitive(
     mean: Array,
     cov: Array,
     theta: Array | float,
-    risk: str = "penalty",
+    variance_of: str = "penalty",
     expectation: str = "exact",
 ) -> Array:
     """q_RS ().
 
-    `risk` says what the variance is taken of: "penalty" (the obstacles) or "total" (all of q). `expectation` says
+    `variance_of` is what the variance is taken of: "penalty" (the obstacles) or "total" (all of q). `expectation` says
     how the obstacle penalty is expected: "exact", or "at_mean", its value at the mean, with which theta = 0
     is the certainty-equivalent planner (the rest of E[q] differs from base(mean) by the same for all paths).
     """
     m = running_moments(problem, mean, cov)
-    return _charged(m, m.penalty if expectation == "exact" else problem.penalty(mean), theta, risk)
+    return _charged(
+        m, m.penalty if expectation == "exact" else problem.penalty(mean), theta, variance_of
+    )
 
 
-def _charged(m: CostMoments, penalty: Array, theta: Array | float, risk: str) -> Array:
+def _charged(m: CostMoments, penalty: Array, theta: Array | float, variance_of: str) -> Array:
     total = jnp.maximum(
         m.base_var + 2 * m.covariance + m.penalty_var, 0.0
     )  # quadrature weights may be negative
-    variance = m.penalty_var if risk == "penalty" else total
+    variance = m.penalty_var if variance_of == "penalty" else total
     return m.base + penalty + 0.5 * theta * variance
 
 
@@ -87,7 +89,7 @@ def mixture_risk_sensitive(
     means: Array,
     covs: Array,
     theta: Array | float,
-    risk: str = "penalty",
+    variance_of: str = "penalty",
     expectation: str = "exact",
 ) -> Array:
     """q_RS () of a mixture; "at_mean" is the mean of the penalties at the components' means."""
@@ -98,7 +100,7 @@ def mixture_risk_sensitive(
         if expectation == "exact"
         else dot(weights, [problem.penalty(mean) for mean in means]),
         theta,
-        risk,
+        variance_of,
     )
 
 

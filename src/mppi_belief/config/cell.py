@@ -46,7 +46,7 @@ def labels(config: dict[str, Any]) -> dict[str, Any]:
     nothing = float("nan")
     found = {
         "controller": config["names"]["controller"],
-        "theta": config["controller"].get("theta", nothing),
+        "theta": config["controller"].get("path_cost", {}).get("theta", nothing),
         "w_obs": config["cost"].get("w_obs", nothing),
         "seed": config["seed"],
     }

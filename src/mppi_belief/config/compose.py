@@ -169,11 +169,15 @@ def collect(args: Sequence[str]) -> list[dict[str, Any]]:
         swept = [
             key for key in keys if key.split(".")[0] not in (*RUNTIME_KEYS, "sweep", "experiment")
         ]
+        choices = settings.runtime.choices
         configs.append(config)
         labels.append(
             {
                 "names": names,
-                "swept": {key: names.get(key) or _scalar(config, key) for key in swept},
+                "swept": {
+                    _label(key): names.get(key) or choices.get(key) or _scalar(config, key)
+                    for key in swept
+                },
             }
         )
 
@@ -196,6 +200,11 @@ def collect(args: Sequence[str]) -> list[dict[str, Any]]:
     return [
         config | label | code for config, label, code in zip(configs, labels, codes, strict=True)
     ]
+
+
+def _label(key: str) -> str:
+    """What a swept key is called in rows and reports: a part of the controller, `controller/sampler`, by its own name."""
+    return key.rpartition("/")[2]
 
 
 def _chosen(choices: Any, config: dict[str, Any]) -> dict[str, str]:

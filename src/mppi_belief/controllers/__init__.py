@@ -1,9 +1,8 @@
 """Controllers, one file each."""
 
-from .belief_joint import JointBelief
 from .ekf_ilqg import EKFiLQG
 from .lqg import LQG
-from .mppi_belief import MPPIBelief
-from .pipf import PIPF
+from .mppi import MPPI, OracleMPPI
+from .pipf import PIPF, AverageOfParticles, PooledPaths
 
-__all__ = ["LQG", "PIPF", "EKFiLQG", "JointBelief", "MPPIBelief"]
+__all__ = ["LQG", "MPPI", "PIPF", "AverageOfParticles", "EKFiLQG", "OracleMPPI", "PooledPaths"]

@@ -21,7 +21,7 @@ class EKFiLQG:
     max_iterations  of each control step
     damping, damping_factor, damping_max   the regularisation added to Quu: where it starts when a line
                     search fails, how it grows and shrinks, where the iteration gives up
-    charge          as in `MPPIBelief`
+    at_step_end     charge a step for the state it leads to, or else for the one it starts from
     """
 
     horizon: int = size(30)
@@ -30,7 +30,7 @@ class EKFiLQG:
     damping: float = number(1e-6, gt=0)
     damping_factor: float = number(4.0, gt=1)
     damping_max: float = number(1e8, gt=0)
-    charge: str = choice("end", "start")
+    at_step_end: bool = choice(True, False)
 
     def init(self, problem: Problem) -> ilqr.Policy:
         """No control."""
@@ -41,7 +41,7 @@ class EKFiLQG:
     ) -> tuple[Array, ilqr.Policy, ilqr.Info]:
         """The converged plan's first control with its feedback (nu,), the plan shifted by one step, diagnostics."""
         cost = ilqr.state_cost(
-            problem, lambda x: certainty_equivalent(problem, x), self.horizon, self.charge
+            problem, lambda x: certainty_equivalent(problem, x), self.horizon, self.at_step_end
         )
         settings = ilqr.Settings(
             self.tolerance, self.max_iterations, self.damping, self.damping_factor, self.damping_max

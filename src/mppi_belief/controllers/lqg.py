@@ -19,16 +19,16 @@ class LQG:
     """One LQ solution, made at the start.
 
     horizon  0: over the whole trial, the optimum of (2); else the receding horizon of the other controllers
-    charge   as in `MPPIBelief`; the optimum of (2) as it is reported has "start"
+    at_step_end  charge a step for the state it leads to, or else for the one it starts from, as the reported cost does
     """
 
     horizon: int = size(0, ge=0)
-    charge: str = choice("start", "end")
+    at_step_end: bool = choice(False, True)
 
     def init(self, problem: Problem) -> ilqr.Policy:
         """Expand about the uncontrolled mean and solve once; exact if that expansion is."""
         nominal = ilqr.still(problem, self.horizon or problem.steps)
-        cost = ilqr.state_cost(problem, problem.cost.base, len(nominal.controls), self.charge)
+        cost = ilqr.state_cost(problem, problem.cost.base, len(nominal.controls), self.at_step_end)
         found = ilqr.backward(problem, cost, nominal)
         return ilqr.Policy(nominal.states, nominal.controls + found.feed, found.gains)
 

@@ -3,95 +3,148 @@
 Not the "path integral particle filter" that goes by the same letters elsewhere: there path integral
 control makes a better *filter*; here a filter's particles feed a *controller*.
 
-From each of the K particles L paths are sampled about one common nominal, weighted as in CE-MPPI.
-`combine` says how the particles' controls become one:
+From each of the K particles L paths are sampled about one common nominal, weighted as in CE-MPPI. The particles'
+controls become one in one of two ways; the paper's footnote fits both:
 
-* "average": each particle's own path integral control, averaged by the particle's posterior weight,
+* `AverageOfParticles`: each particle's own path integral control, averaged by the particle's posterior weight,
   u = -R^-1 G' E[grad V(x)]. This is "per-particle path integral controllers", truer to Hoshino et al.,
   and optimal if the state were seen from the next step on.
-* "pooled": one softmax over all K L paths, each carrying its particle's posterior weight; particles
-  from which the future is cheap then count for more. The paper's footnote fits both.
+* `PooledPaths`: one softmax over all K L paths, each carrying its particle's posterior weight; particles
+  from which the future is cheap then count for more.
 """
 
-from typing import NamedTuple
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol
 
 import jax
 import jax.numpy as jnp
 from jax import Array
 
-from ..belief.cost import certainty_equivalent
 from ..belief.particles import ParticleBelief
-from ..planning import path_integral as pi
+from ..planning.parts import PathCost
+from ..planning.path_costs import CertaintyEquivalent
+from ..planning.path_integral import (
+    CostedPaths,
+    accumulated_costs,
+    effective_sample_size,
+    improve,
+    rollouts,
+    weights,
+)
+from ..planning.samplers import NominalSampler
 from ..problem import Problem
-from ..structs import choice, number, size, struct
+from ..structs import number, size, struct
 
 
 class PIPFInfo(NamedTuple):
-    """Diagnostics: effective sample size over all paths () and their weights (K L,)."""
+    """Diagnostics of one step."""
 
-    ess: Array
-    weights: Array
+    ess: Array  # (): effective sample size over all paths
+    weights: Array  # (K L,): of all paths, those of a particle together
+
+
+class Combination(Protocol):
+    """Says how the paths from all particles are weighted together."""
+
+    def weights(self, costs: Array, log_weights: Array, temperature: Array | float) -> Array:
+        """Returns normalised weights (K L,) for path costs (K, L) and the particles' log-weights (K,)."""
+
+
+@struct
+class AverageOfParticles:
+    """Averages the particles' own controls by their posterior weights."""
+
+    def weights(self, costs: Array, log_weights: Array, temperature: Array | float) -> Array:
+        """Returns normalised weights (K L,) for path costs (K, L) and log-weights (K,)."""
+        of_each = jax.vmap(weights, in_axes=(0, None))(costs, temperature)
+        w = jnp.exp(log_weights)[:, None] * of_each
+        total = jnp.sum(w)  # 1, less the particles from which no path has a finite cost
+        return (w / jnp.where(total > 0, total, 1.0)).reshape(-1)
+
+
+@struct
+class PooledPaths:
+    """Weights all paths by one softmax, each with its particle's posterior weight."""
+
+    def weights(self, costs: Array, log_weights: Array, temperature: Array | float) -> Array:
+        """Returns normalised weights (K L,) for path costs (K, L) and log-weights (K,)."""
+        return weights((costs - temperature * log_weights[:, None]).reshape(-1), temperature)
+
+
+@dataclass(frozen=True)
+class ParticleWeighting:
+    """Weights the paths of one belief as a combination says."""
+
+    combination: Combination
+    log_weights: Array  # (K,)
+    temperature: Array | float
+
+    def weights(self, costs: Array) -> Array:
+        """Returns normalised weights (K L,) for path costs (K L,)."""
+        by_particle = costs.reshape(len(self.log_weights), -1)
+        return self.combination.weights(by_particle, self.log_weights, self.temperature)
 
 
 @struct
 class PIPF:
-    """Needs `filter=particle`. Settings as in `MPPIBelief`; `n_samples` is L, per particle."""
+    """Plans from the particles of `filter=particle`.
 
-    n_samples: int = size(200)
-    horizon: int = size(30)
-    temperature: float = number(1.0, gt=0)
-    control_std: float | None = number(None, gt=0, optional=True)
-    alpha: float | None = number(None, ge=0, le=1, optional=True)
-    antithetic: bool = choice(False, True)
-    combine: str = choice("average", "pooled")
-    charge: str = choice("end", "start")
+    Raises:
+        ValueError: for a sampler other than `NominalSampler`: others plan from one Gaussian
+    """
+
+    n_samples: int = size(200)  # L, per particle
+    horizon: int = size(30)  # H, steps
+    temperature: float = number(1.0, gt=0)  # lambda
+    path_cost: PathCost = CertaintyEquivalent()
+    sampler: NominalSampler = NominalSampler()
+    combination: Combination = AverageOfParticles()
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.sampler, NominalSampler):
+            raise ValueError(
+                "sampler must be a NominalSampler: PIPF plans from particles, others from one Gaussian"
+            )
 
     def init(self, problem: Problem) -> Array:
-        """The zero nominal (H, nu)."""
+        """Returns the zero nominal (H, nu)."""
         return jnp.zeros((self.horizon, problem.cost.R.shape[0]))
 
     def act(
         self, problem: Problem, belief: ParticleBelief, plan: Array, key: Array
     ) -> tuple[Array, Array, PIPFInfo]:
-        """The control (nu,), the nominal shifted by one step (H, nu), diagnostics."""
+        """Returns the control (nu,), the nominal of the next step (H, nu) and diagnostics.
+
+        Raises:
+            TypeError: for a belief without particles
+        """
         if not isinstance(belief, ParticleBelief):
             raise TypeError("controller pipf plans from particles: use filter=particle")
-        n_particles = belief.particles.shape[-1]
-        normals = pi.normals(
-            key, (self.horizon, plan.shape[1], n_particles * self.n_samples), self.antithetic
-        )
-        increments = pi.matched_increments(problem, normals, self.temperature, self.control_std)
-        starts = jnp.repeat(
-            belief.particles, self.n_samples, axis=-1, total_repeat_length=increments.shape[-1]
-        )
-        costs = self._costs(problem, starts, plan[:, :, None] + increments)
-        weight = pi.girsanov_weight(problem, self.temperature, self.control_std, self.alpha)
-        costs += pi.girsanov(plan, increments, weight)
-        w = self._weights(costs.reshape(n_particles, self.n_samples), belief.log_weights)
-        improved = plan + pi.weighted_increments(w, increments)
-        return improved[0], pi.receded(improved), PIPFInfo(pi.effective_sample_size(w), w)
+        total = belief.particles.shape[-1] * self.n_samples
+        starts = jnp.repeat(belief.particles, self.n_samples, axis=-1, total_repeat_length=total)
+        draw = self.sampler.around(problem, plan, self.temperature)
 
-    def _costs(self, problem: Problem, starts: Array, controls: Array) -> Array:
-        """Path costs (K L,) from states (nx, K L), the penalty at the state."""
-        states = pi.rollouts(problem, starts, controls)
-        certain = jnp.zeros((self.horizon + 1, *(starts.shape[0],) * 2))
-        return pi.path_costs(
+        def sample(key: Array, n: int) -> CostedPaths:
+            drawn = draw(key, n)
+            states = rollouts(problem, starts, plan[:, :, None] + drawn.increments)
+            costs = self._state_costs(problem, starts, states)
+            return CostedPaths(drawn.increments, costs + drawn.correction, states)
+
+        weighting = ParticleWeighting(self.combination, belief.log_weights, self.temperature)
+        improved = improve(plan, sample, key, total, weighting)
+        info = PIPFInfo(effective_sample_size(improved.weights), improved.weights)
+        return improved.controls[0], self.sampler.warm_start(improved.controls), info
+
+    def _state_costs(self, problem: Problem, starts: Array, states: Array) -> Array:
+        """Returns path costs (K L,) of states (H, nx, K L) from starts (nx, K L), known for certain."""
+        nx = len(starts)
+        certain = jnp.zeros((self.horizon + 1, nx, nx))
+        return accumulated_costs(
             problem,
             starts,
             states,
             certain,
-            self.charge,
-            lambda x, _: certainty_equivalent(problem, x),
-            lambda x, _: problem.cost.terminal(x),
+            self.path_cost.at_step_end,
+            lambda x, cov: self.path_cost.running(problem, x, cov),
+            lambda x, cov: self.path_cost.terminal(problem, x, cov),
         )
-
-    def _weights(self, costs: Array, log_weights: Array) -> Array:
-        """Normalised weights of all paths (K L,) from costs (K, L) and the particles' log-weights (K,)."""
-        if self.combine == "pooled":
-            return pi.weights(
-                (costs - self.temperature * log_weights[:, None]).reshape(-1), self.temperature
-            )
-        of_each = jax.vmap(pi.weights, in_axes=(0, None))(costs, self.temperature)
-        w = jnp.exp(log_weights)[:, None] * of_each
-        total = jnp.sum(w)  # 1, less the particles from which no path has a finite cost
-        return (w / jnp.where(total > 0, total, 1.0)).reshape(-1)

@@ -61,16 +61,16 @@ class Settings(NamedTuple):
     most: Array | float
 
 
-def charge_weights(horizon: int, charge: str) -> Array:
-    """w (H+1,): which states of the horizon are charged, "start" 0..H-1 or "end" 1..H."""
-    return jnp.ones(horizon + 1).at[0 if charge == "end" else horizon].set(0.0)
+def charge_weights(horizon: int, at_step_end: bool) -> Array:
+    """w (H+1,): which states of the horizon are charged, 1..H at the end of steps or 0..H-1 at their start."""
+    return jnp.ones(horizon + 1).at[0 if at_step_end else horizon].set(0.0)
 
 
 def state_cost(
-    problem: Problem, rate: Callable[[Array], Array], horizon: int, charge: str
+    problem: Problem, rate: Callable[[Array], Array], horizon: int, at_step_end: bool
 ) -> StateCost:
     """(x, k) -> w_k q(x) dt, plus phi(x) at k = H, for a running cost `rate`."""
-    return staged(problem.dt, lambda x, k: rate(x), problem.cost.terminal, horizon, charge)
+    return staged(problem.dt, lambda x, k: rate(x), problem.cost.terminal, horizon, at_step_end)
 
 
 def staged(
@@ -78,10 +78,10 @@ def staged(
     rate: StateCost,
     terminal: Callable[[Array], Array],
     horizon: int,
-    charge: str,
+    at_step_end: bool,
 ) -> StateCost:
     """(x, k) -> w_k rate(x, k) dt, plus terminal(x) at k = H."""
-    weights = charge_weights(horizon, charge)
+    weights = charge_weights(horizon, at_step_end)
 
     def cost(x: Array, k: Array) -> Array:
         return weights[k] * rate(x, k) * dt + jnp.where(k == horizon, terminal(x), 0.0)

@@ -19,7 +19,8 @@ Sampled arrays keep the sample as their last axis: (H, nu, N), (H, nx, N); costs
 """
 
 from collections.abc import Callable
-from typing import NamedTuple
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
@@ -31,17 +32,6 @@ from ..numerics.vmap_last import vmap_last
 from ..problem import Problem
 
 BLOCK = 2000  # samples whose arrays stay in the cache of a CPU's core
-
-
-class PlanInfo(NamedTuple):
-    """Diagnostics of one step: effective sample size (), state cost of the nominal it started from (),
-    planned covariances (H+1, nx, nx), sampled means (H, nx, N) and their weights (N,)."""
-
-    ess: Array
-    nominal_cost: Array
-    planned_cov: Array
-    means: Array
-    weights: Array
 
 
 def control_map(G: Array, R: Array) -> Array:
@@ -117,29 +107,36 @@ def _columns(mean: Array, n_samples: int) -> Array:
     return mean if mean.ndim > 1 else jnp.broadcast_to(mean[:, None], (len(mean), n_samples))
 
 
-def path_costs(
+def accumulated_costs(
     problem: Problem,
     mean: Array,
     means: Array,
     covs: Array,
-    charge: str,
+    at_step_end: bool,
     running: Callable[[Array, Array], Array],
     terminal: Callable[[Array, Array], Array],
 ) -> Array:
-    """sum_k q dt + phi (N,) for means (H, nx, N) that left `mean`, along covs (H+1, nx, nx).
+    """Returns sum_k q dt + phi (N,) of paths along planned covariances.
 
-    `charge` is the end of each step at which q is taken: "start" is Algorithm 1 as printed (q at mu_k),
-    "end" the state that the control led to. `running` and `terminal` map one mean (nx,) and covariance
-    (nx, nx) to a cost ().
+    Args:
+        problem: the problem, for its time step
+        mean: (nx,) where all paths start, or (nx, N)
+        means: (H, nx, N) means at t_1..t_H
+        covs: (H+1, nx, nx) covariances at t_0..t_H
+        at_step_end: whether q of step k is taken at t_{k+1}, where the control has led to, or else
+            at t_k as in Algorithm 1 as printed
+        running: maps one mean (nx,) and covariance (nx, nx) to a cost per second ()
+        terminal: maps the same to a cost ()
     """
-    if charge == "start":
-        charged, at = (
-            jnp.concatenate([_columns(mean, means.shape[-1])[None], means[:-1]]),
-            covs[:-1],
-        )
+    if at_step_end:
+        charged_means = means
+        charged_covs = covs[1:]
     else:
-        charged, at = means, covs[1:]
-    rates = jax.vmap(jax.vmap(running, in_axes=(-1, None), out_axes=-1))(charged, at)
+        first = _columns(mean, means.shape[-1])[None]
+        charged_means = jnp.concatenate([first, means[:-1]])
+        charged_covs = covs[:-1]
+    over_paths = jax.vmap(running, in_axes=(-1, None), out_axes=-1)
+    rates = jax.vmap(over_paths)(charged_means, charged_covs)
     last = jax.vmap(terminal, in_axes=(-1, None), out_axes=-1)(means[-1], covs[-1])
     return jnp.full(len(rates), problem.dt) @ rates + last
 
@@ -182,33 +179,104 @@ def weighted_increments(w: Array, increments: Array) -> Array:
     return increments @ w
 
 
-def weighted_in_blocks(
-    sample: Callable[[Array, int], tuple[Array, Array, Array]],
+class Weighting(Protocol):
+    """Turns the costs of paths into their weights."""
+
+    def weights(self, costs: Array) -> Array:
+        """Returns normalised weights (N,) for path costs (N,); all are zero if no cost is finite."""
+
+
+@runtime_checkable
+class BlockWeighting(Weighting, Protocol):
+    """Weights samples block by block with the same result as together."""
+
+    def free_energy(self, costs: Array) -> Array:
+        """Returns the cost () at which a block counts for all its paths (N,) together."""
+
+
+@dataclass(frozen=True)
+class Exponential:
+    """Weights paths by exp(-S / lambda), as (19) does."""
+
+    temperature: Array | float
+
+    def weights(self, costs: Array) -> Array:
+        """Returns normalised weights (N,) for path costs (N,)."""
+        return weights(costs, self.temperature)
+
+    def free_energy(self, costs: Array) -> Array:
+        """Returns -lambda log of the estimate of Psi () from path costs (N,)."""
+        return free_energy(costs, self.temperature)
+
+
+class CostedPaths(NamedTuple):
+    """Sampled paths with what they cost."""
+
+    increments: Array  # (H, nu, N): controls less those of the nominal
+    costs: Array  # (N,): path costs S, the correction for their density included
+    means: Array  # (H, nx, N): belief means along them
+
+
+class ImprovedPlan(NamedTuple):
+    """A plan improved by sampled paths."""
+
+    controls: Array  # (H, nu)
+    weights: Array  # (N,): of the sampled paths
+    means: Array  # (H, nx, N): belief means along them
+
+
+def improve(
+    nominal: Array,
+    sample: Callable[[Array, int], CostedPaths],
     key: Array,
     n: int,
-    temperature: Array | float,
-) -> tuple[Array, Array, Array]:
-    """sum_i w_i delta^(i) (H, nu), the weights w (n,) and the means (H, nx, n) of n samples, at most BLOCK at a time.
+    weighting: Weighting,
+) -> ImprovedPlan:
+    """Returns nominal + sum_i w_i delta^(i), (19) over the whole horizon, from n sampled paths.
 
-    `sample(key, size)` returns increments (H, nu, size), path costs (size,) and means (H, nx, size). Each block is
-    weighted by itself and counts by its own estimate of Psi, which is the same as weighting all samples
-    together. One block, as always on a GPU, uses the key as it is.
+    Every sampling planner improves its plan here. On a CPU at most BLOCK samples are drawn at a
+    time, where the weighting allows that. A single block, as always on a GPU, uses the key as it is.
+
+    Args:
+        nominal: (H, nu)
+        sample: maps a key and a number of samples to that many paths
+        key: of all samples
+        n: the number of samples
+        weighting: turns costs into weights
     """
-    count = -(-n // BLOCK) if jax.default_backend() == "cpu" else 1
+    if isinstance(weighting, BlockWeighting) and n > BLOCK and jax.default_backend() == "cpu":
+        return _improve_in_blocks(nominal, sample, key, n, weighting)
+    increments, costs, means = sample(key, n)
+    w = weighting.weights(costs)
+    return ImprovedPlan(nominal + weighted_increments(w, increments), w, means)
+
+
+def _improve_in_blocks(
+    nominal: Array,
+    sample: Callable[[Array, int], CostedPaths],
+    key: Array,
+    n: int,
+    weighting: BlockWeighting,
+) -> ImprovedPlan:
+    """Weights each block by itself and lets it count by its own estimate of Psi."""
+    count = -(-n // BLOCK)
     size = -(-n // count)
 
-    def block(key: Array, wanted: Array | int) -> tuple[Array, Array, Array, Array]:
+    def block(key: Array, wanted: Array) -> tuple[Array, Array, Array, Array]:
         increments, costs, means = sample(key, size)
         usable = jnp.isfinite(costs) & (jnp.arange(size) < wanted)
         costs = jnp.where(usable, costs, jnp.inf)
-        w = weights(costs, temperature)
-        return weighted_increments(w, increments), w, free_energy(costs, temperature), means
+        w = weighting.weights(costs)
+        return weighted_increments(w, increments), w, weighting.free_energy(costs), means
 
-    if count == 1:
-        change, w, _, means = block(key, n)
-        return change, w, means
-    keys, left = jax.random.split(key, count), n - size * jnp.arange(count)
-    changes, w, energies, means = jax.lax.map(lambda given: block(*given), (keys, left))
-    share = weights(energies, temperature)
-    joined = jnp.moveaxis(means, 0, -2).reshape(*means.shape[1:-1], -1)
-    return jnp.tensordot(share, changes, 1), (share[:, None] * w).reshape(-1)[:n], joined[..., :n]
+    # The surplus samples of the last block are not wanted.
+    keys = jax.random.split(key, count)
+    wanted = n - size * jnp.arange(count)
+    changes, w, energies, means = jax.lax.map(lambda args: block(*args), (keys, wanted))
+
+    # Join the blocks.
+    share = weighting.weights(energies)
+    improved = nominal + jnp.tensordot(share, changes, 1)
+    all_weights = (share[:, None] * w).reshape(-1)[:n]
+    all_means = jnp.moveaxis(means, 0, -2).reshape(*means.shape[1:-1], -1)[..., :n]
+    return ImprovedPlan(improved, all_weights, all_means)

@@ -57,5 +57,5 @@ OPEN = {
     "cost.control_weight": "R",
     "cost.bump_width": "width of the obstacle penalty (m)",
     "cost.w_obs": "obstacle weight (1/s)",
-    "controller.control_std": "spread of sampled controls (m/s^2)",
+    "controller.sampler.control_std": "spread of sampled controls (m/s^2)",
 }  # keys of the configuration whose values the paper does not give, with their meaning

@@ -17,11 +17,14 @@ from jax import Array
 
 from ..belief.cost import expected_terminal, risk_sensitive
 from ..belief.schedule import diffusion_factors, gain_schedule
-from ..controllers import MPPIBelief
+from ..controllers import MPPI
 from ..costs import GoalObstacleCost
 from ..matching.weights import matched_weight, residual
 from ..obstacles import Obstacles
 from ..planning import path_integral as pi
+from ..planning.path_costs import RiskSensitive
+from ..planning.samplers import InnovationSampler
+from ..planning.schedules import SharedCovariance
 from ..problem import Belief, Problem
 from ..results.certificate import Check
 from ..systems import ScalarLinear
@@ -80,7 +83,7 @@ def with_grid(matched: Matched, duration: float, steps: int) -> Problem:
 
 def running(problem: Problem, theta: Array | float, mean: Array, cov: Array) -> Array:
     """q_RS () of Remark 4, the variance that of the whole cost."""
-    return risk_sensitive(problem, mean, cov, theta, risk="total")
+    return risk_sensitive(problem, mean, cov, theta, variance_of="total")
 
 
 class Steady(NamedTuple):
@@ -157,12 +160,12 @@ def sampled_costs(
     H, _, N = eps.shape
     disturbance = jnp.einsum("hij,hjn->hin", along.factors[:H], eps)
     means = pi.rollouts(problem, mean, jnp.zeros((H, problem.cost.R.shape[0], N)), disturbance)
-    costs = pi.path_costs(
+    costs = pi.accumulated_costs(
         problem,
         mean,
         means,
         along.cov[: H + 1],
-        "start",
+        False,
         lambda mu, at: running(problem, theta, mu, at),
         lambda mu, at: expected_terminal(problem, mu, at),
     )
@@ -194,15 +197,14 @@ def pooled_costs(
     return costs, increments
 
 
-def algorithm_1(samples: int, problem: Problem, temperature: float, **options: Any) -> MPPIBelief:
-    """Algorithm 1 as printed, over the whole problem."""
-    printed: dict[str, Any] = {"diffusion": "innovation", "charge": "start", "schedule": "riccati"}
-    return MPPIBelief(samples, problem.steps, temperature, **printed, **options)
+def algorithm_1(samples: int, problem: Problem, temperature: float, **options: Any) -> MPPI:
+    """Returns Algorithm 1 as printed, over the whole problem; `options` are those of `RiskSensitive`."""
+    path_cost = RiskSensitive(at_step_end=False, **options)
+    schedule = SharedCovariance(method="riccati")
+    return MPPI(samples, problem.steps, temperature, path_cost, InnovationSampler(), schedule)
 
 
-def first_controls(
-    planner: MPPIBelief, problem: Problem, means: Array, cov: Array, keys: Array
-) -> Array:
+def first_controls(planner: MPPI, problem: Problem, means: Array, cov: Array, keys: Array) -> Array:
     """u_0 (keys, means, nu) of the planner at means (means, nx) and Sigma (nx, nx), from its first plan."""
     plan = planner.init(problem)
 

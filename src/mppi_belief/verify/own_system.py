@@ -26,6 +26,7 @@ from ..matching.weights import (
 )
 from ..numerics.linalg import psd_factor
 from ..numerics.quadrature import gaussian_nodes
+from ..planning.path_costs import RiskSensitive
 from ..problem import Controller, Filter, Problem
 from ..results.certificate import Certificate, Check
 from ..simulate import simulate_trial
@@ -277,14 +278,13 @@ def _reading(checks: list[Check], still: int) -> str:
 def _expansion(problem: Problem, path: _Path, controller: Controller) -> list[Check]:
     """Whether the expansion that q_RS begins falls off; where it does not, q_RS is another thing than the risk.
 
-    Nothing for a controller without theta.
+    Nothing for a controller whose path cost is not `RiskSensitive`.
     """
-    theta, of_all = (
-        getattr(controller, "theta", None),
-        getattr(controller, "risk", "total") == "total",
-    )
-    if theta is None:
+    path_cost = getattr(controller, "path_cost", None)
+    if not isinstance(path_cost, RiskSensitive):
         return []
+    theta = path_cost.theta
+    of_all = path_cost.variance_of == "total"
     mean, cov, *_ = path.schedule
     ratios = float(theta) * np.abs(
         _skewness(problem, mean, cov, float(of_all), *gaussian_nodes(mean.shape[1]))

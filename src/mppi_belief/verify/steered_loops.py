@@ -25,9 +25,13 @@ import numpy as np
 from jax import Array
 from scipy.linalg import solve_discrete_are
 
-from ..controllers import MPPIBelief
+from ..controllers import MPPI
 from ..costs import GoalObstacleCost
 from ..filters import EKF
+from ..obstacles import Obstacles
+from ..planning.path_costs import RiskSensitive
+from ..planning.samplers import InnovationSampler
+from ..planning.schedules import SharedCovariance
 from ..problem import Problem
 from ..results.certificate import Check, Line, Panel
 from ..simulate import simulate_trial
@@ -145,10 +149,11 @@ def expected_excess(optimum: Optimum) -> Expected:
     return Expected(total, largest)
 
 
-def printed(samples: int) -> MPPIBelief:
+def printed(samples: int) -> MPPI:
     """Algorithm 1 as printed; its schedule is the filter's recursion, which compiles sooner and has the same D."""
-    options: dict[str, Any] = {"diffusion": "innovation", "charge": "start", "schedule": "filter"}
-    return MPPIBelief(samples, HORIZON, TEMPERATURE, **options)
+    path_cost = RiskSensitive(at_step_end=False)
+    schedule = SharedCovariance(method="filter")
+    return MPPI(samples, HORIZON, TEMPERATURE, path_cost, InnovationSampler(), schedule)
 
 
 class Loops(NamedTuple):

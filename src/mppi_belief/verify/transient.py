@@ -5,7 +5,7 @@
     mu_k+1 = mu_k + f(mu_k) dt + L_k eps_k,   S = sum_k q_k(mu_k) dt + phi(mu_H)            lines 5 to 11
     u_0    = M_0 sum_i w_i eps_0^(i) / dt,    w_i ~ exp(-S_i / lambda)                      lines 12 to 15
 
-NumPy and SciPy here, `MPPIBelief` there, from the same normals: what differs is rounding. The expectations in q_k are
+NumPy and SciPy here, `MPPI` there, from the same normals: what differs is rounding. The expectations in q_k are
 sums over an even grid, exact for Gaussians; of the package only the signs of L_k are taken, which are free.
 """
 
@@ -18,7 +18,7 @@ from jax import Array
 from scipy.linalg import expm
 
 from ..belief.schedule import diffusion_factors, gain_schedule
-from ..controllers import MPPIBelief
+from ..controllers import MPPI
 from ..costs import GoalObstacleCost
 from ..obstacles import Obstacles
 from ..planning import path_integral as pi
@@ -103,7 +103,7 @@ def run(problem: Problem, key: Array) -> Run:
 
 
 def _run(
-    planner: MPPIBelief, problem: Problem, starts: Array, cov: Array, keys: Array
+    planner: MPPI, problem: Problem, starts: Array, cov: Array, keys: Array
 ) -> tuple[Array, Array, Array]:
     plan = planner.init(problem)
 

@@ -12,7 +12,7 @@ from ..cell_results import METHOD_NAMES, CellResults
 from .points import draw_estimates, mean_of, step_time
 from .style import COLUMN, STYLE, method_look, method_order
 
-PROPOSAL_KEY = "controller.proposal"
+PROPOSAL_KEY = "sampler"
 PROPOSAL_STYLES: dict[str, Any] = {"laplace": {"ls": "-"}, "nominal": {"ls": ":", "mfc": "white"}}
 
 

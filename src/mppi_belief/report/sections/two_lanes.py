@@ -54,7 +54,7 @@ def _sentence_titles(cells: Sequence[CellResults]) -> list[str]:
 
 def _planned_from(cell: CellResults) -> str:
     """Returns what MPPI-Belief plans from, where the study sets it; "-" elsewhere."""
-    return str(cell.labels.get("controller.plan_from", "-"))
+    return str(cell.labels.get("schedule", "-"))
 
 
 def arrival_rate(cell: CellResults) -> Estimate:

@@ -26,9 +26,12 @@ from scipy.linalg import solve_discrete_are
 
 from ...belief.prior import prior
 from ...belief.schedule import gain_schedule
-from ...controllers import LQG, MPPIBelief
+from ...controllers import LQG, MPPI
 from ...costs import GoalObstacleCost
 from ...filters import EKF
+from ...planning.path_costs import RiskSensitive
+from ...planning.samplers import InnovationSampler
+from ...planning.schedules import SharedCovariance
 from ...problem import Belief, Controller, Problem
 from ...results.certificate import Certificate, Check, Line, Panel
 from ...simulate import simulate_trial
@@ -175,10 +178,11 @@ def mean_law(
     return mean, variance
 
 
-def printed(samples: int) -> MPPIBelief:
+def printed(samples: int) -> MPPI:
     """Algorithm 1 as printed."""
-    options: dict[str, Any] = {"diffusion": "innovation", "charge": "start", "schedule": "riccati"}
-    return MPPIBelief(samples, HORIZON, TEMPERATURE, **options)
+    path_cost = RiskSensitive(at_step_end=False)
+    schedule = SharedCovariance(method="riccati")
+    return MPPI(samples, HORIZON, TEMPERATURE, path_cost, InnovationSampler(), schedule)
 
 
 def closed_loops(problem: Problem, controller: Controller, seed: int, trials: int) -> Loops:
@@ -207,7 +211,7 @@ def certify(seed: int = 0) -> Certificate:
     covs, innovations = filtered_law(problem)
     best = optimal_cost(problem, optimum, covs)
     expected = expected_excess(problem, optimum, covs, innovations)
-    lqg = closed_loops(problem, LQG(horizon=0, charge="start"), seed, OPTIMAL_TRIALS)
+    lqg = closed_loops(problem, LQG(horizon=0, at_step_end=False), seed, OPTIMAL_TRIALS)
     runs = [closed_loops(problem, printed(samples), seed, TRIALS) for samples in SAMPLES]
     forms = np.array(
         [

@@ -173,7 +173,7 @@ def _to_control(matched: Matched) -> float:
 
 def sample(matched: Matched, terms: pde.Equation, key: Array) -> RepeatedControls:
     """Algorithm 1 as printed at every mean."""
-    risk = {"theta": matched.theta, "risk": "total"}
+    risk = {"theta": matched.theta, "variance_of": "total"}
     planner = algorithm_1(SAMPLES, matched.problem, matched.temperature, **risk)
     found = quick_jit(first_controls)(
         planner, matched.problem, MEANS[:, None], matched.cov, jax.random.split(key, KEYS)
@@ -223,7 +223,7 @@ def lqg(problem: Problem, cov: np.ndarray) -> np.ndarray:
 
     @quick_jit
     def act(problem: Problem, means: Array) -> Array:
-        controller = LQG(horizon=0, charge="start")
+        controller = LQG(horizon=0, at_step_end=False)
         plan = controller.init(problem)
         belief = partial(Belief, cov=jnp.asarray(cov))
         return jax.vmap(

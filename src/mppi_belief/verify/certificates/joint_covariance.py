@@ -8,7 +8,7 @@ V = -lambda log Psi still makes the equation linear, and Psi is the expectation 
 mu along which Sigma is carried. Here: one state, a sensor that is good in one place.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -19,11 +19,11 @@ from scipy.interpolate import RectBivariateSpline
 
 from ...belief.cost import expected_terminal, risk_sensitive
 from ...belief.gaussian import RootBelief
-from ...belief.schedule import gain_schedule
-from ...controllers import JointBelief
 from ...costs import GoalObstacleCost
 from ...obstacles import Obstacles
 from ...planning import path_integral as pi
+from ...planning.path_costs import RiskSensitive
+from ...planning.schedules import PerPathCovariance
 from ...problem import Problem
 from ...results.certificate import Certificate, Check, Line, Panel
 from ...structs import number, struct
@@ -153,7 +153,7 @@ def _at(
 
 
 def recursion(problem: Problem) -> list[RectBivariateSpline]:
-    """log Psi over (mu, log Sigma) at steps 1..H of the discrete problem, `charge: end`."""
+    """log Psi over (mu, log Sigma) at steps 1..H of the discrete problem, costs at the end of steps."""
     mu, variance = np.meshgrid(MEANS, VARIANCES, indexing="ij")
     terminal = quick_jit(jax.vmap(lambda m, s: expected_terminal(problem, m[None], s[None, None])))
     log_psi = -np.asarray(terminal(mu.ravel(), variance.ravel())) / TEMPERATURE
@@ -244,14 +244,15 @@ def sampled(problem: Problem, mean: float, std: float, key: Array) -> Sampled:
 @quick_jit
 def _paths(problem: Problem, mean: Array, root: Array, key: Array) -> tuple[Array, Array, Array]:
     """First increments, costs with a covariance for each path, costs with that of the still path for all; each (N,)."""
-    settings: dict[str, Any] = {"temperature": TEMPERATURE, "theta": THETA}
-    controller = JointBelief(PATHS, problem.steps, **settings)
+    start = RootBelief(mean, root)
+    plan = PerPathCovariance().plan(
+        problem, RiskSensitive(THETA), start, jnp.zeros((problem.steps, 1))
+    )
     normals = pi.normals(key, (problem.steps, 1, PATHS), False)
     increments = pi.matched_increments(problem, normals, TEMPERATURE, None)
-    costs, means = controller.state_costs(problem, RootBelief(mean, root), increments)
-    covs = gain_schedule(problem, RootBelief(mean, root), jnp.zeros((problem.steps, 1))).cov
-    shared = pi.path_costs(
-        problem, mean, means, covs, "end",
+    costs, means = plan.costs(increments, None)
+    shared = pi.accumulated_costs(
+        problem, mean, means, plan.cov, True,
         lambda mu, cov: risk_sensitive(problem, mu, cov, THETA),
         lambda mu, cov: expected_terminal(problem, mu, cov),
     )  # fmt: skip

@@ -36,14 +36,14 @@ from .path_integral import girsanov_weight, matched_increments
 EVERY = 5  # one sample in so many is drawn about the nominal; a choice
 
 
-class Reference(NamedTuple):
+class ReferenceDensity(NamedTuple):
     """The controls of a path that costs nothing, N(m_k, S_u): m (H, nu) and lambda S_u^-1 (nu, nu)."""
 
     centre: Array
     precision: Array
 
 
-class Proposal(NamedTuple):
+class FeedbackPolicy(NamedTuple):
     """A policy: means (H, nx) and controls (H, nu), gains (H, nu, nx) about them, factors F (H, nu, nu)."""
 
     means: Array
@@ -52,39 +52,41 @@ class Proposal(NamedTuple):
     factors: Array
 
 
-def reference(
+def reference_density(
     problem: Problem,
     nominal: Array,
     temperature: Array | float,
     std: Array | float | None,
     alpha: Array | float | None,
-) -> Reference:
+) -> ReferenceDensity:
     """What (19) averages over about a nominal (H, nu), with the settings of `mppi_belief.controllers.MPPIBelief`."""
     precision = girsanov_weight(problem, temperature, std, 0.0)
     # symmetric: one of them is a multiple of the other or of I
     taken = jnp.linalg.solve(precision, girsanov_weight(problem, temperature, std, alpha))
     parts, axes = jnp.linalg.eigh(symmetrise(taken))
-    return Reference(nominal - nominal @ (axes * jnp.minimum(parts, 1.0)) @ axes.T, precision)
+    return ReferenceDensity(
+        nominal - nominal @ (axes * jnp.minimum(parts, 1.0)) @ axes.T, precision
+    )
 
 
-def plain(
+def nominal_policy(
     problem: Problem, nominal: Array, temperature: Array | float, std: Array | float | None
-) -> Proposal:
+) -> FeedbackPolicy:
     """Controls N(nominal_k, S_u) about a nominal (H, nu), whatever the mean."""
     (horizon, nu), nx = nominal.shape, len(problem.prior_mean)
     units = jnp.broadcast_to(jnp.eye(nu), (horizon, nu, nu))
     factors = matched_increments(problem, units, temperature, std)
-    return Proposal(jnp.zeros((horizon, nx)), nominal, jnp.zeros((horizon, nu, nx)), factors)
+    return FeedbackPolicy(jnp.zeros((horizon, nx)), nominal, jnp.zeros((horizon, nu, nx)), factors)
 
 
-def laplace(
+def laplace_policy(
     cost: ilqr.StateCost,
     problem: Problem,
     means: Array,
-    aim: Reference,
+    aim: ReferenceDensity,
     temperature: Array | float,
-    fallback: Proposal,
-) -> Proposal:
+    fallback: FeedbackPolicy,
+) -> FeedbackPolicy:
     """The optimal policy of the problem expanded about the means (H+1, nx) of the controls of `fallback`.
 
     A state whose cost has no finite derivatives counts as if it cost nothing. Where the policy is not finite all the
@@ -96,7 +98,7 @@ def laplace(
     lq = lq._replace(slopes=slopes, bends=bends)
     found = ilqr.sweep(lq, (nominal - aim.centre) @ aim.precision, aim.precision)
     factors = jnp.linalg.cholesky(temperature * found.inverses)
-    best = Proposal(means[:-1], nominal + found.feed, found.gains, factors)
+    best = FeedbackPolicy(means[:-1], nominal + found.feed, found.gains, factors)
     finite = jnp.all(jnp.array([jnp.all(jnp.isfinite(part)) for part in best]))
     return jax.tree.map(lambda one, other: jnp.where(finite, one, other), best, fallback)
 
@@ -107,10 +109,10 @@ def about_nominal(n: int, mirrored: bool) -> np.ndarray:
     return np.arange(n) % (-(-n // 2) if mirrored else n) % EVERY == 0
 
 
-def rollouts(
+def feedback_rollouts(
     problem: Problem,
     mean: Array,
-    policies: tuple[Proposal, Proposal],
+    policies: tuple[FeedbackPolicy, FeedbackPolicy],
     second: np.ndarray,
     normals: Array,
 ) -> tuple[Array, Array, Array]:
@@ -144,8 +146,8 @@ def rollouts(
     return controls, means, jax.nn.logsumexp((shares + heights)[:, None] - 0.5 * squares, axis=0)
 
 
-def correction(
-    aim: Reference, temperature: Array | float, controls: Array, density: Array
+def density_correction(
+    aim: ReferenceDensity, temperature: Array | float, controls: Array, density: Array
 ) -> Array:
     """What path costs are raised by (N,), for controls (H, nu, N) drawn from a density of this log (N,)."""
     off = controls - aim.centre[:, :, None]

@@ -1,0 +1,26 @@
+"""The cost at the mean, blind to the covariance: CE-MPPI.
+
+q(mu)   = base(mu) + penalty(mu)
+phi(mu) = terminal(mu)
+"""
+
+from jax import Array
+
+from ...belief.cost import certainty_equivalent
+from ...problem import Problem
+from ...structs import choice, struct
+
+
+@struct
+class CertaintyEquivalent:
+    """Charges the cost at the belief mean."""
+
+    at_step_end: bool = choice(True, False)  # charge mu_{k+1} for step k, or mu_k
+
+    def running(self, problem: Problem, mean: Array, cov: Array) -> Array:
+        """Returns the cost per second () at a mean (nx,)."""
+        return certainty_equivalent(problem, mean)
+
+    def terminal(self, problem: Problem, mean: Array, cov: Array) -> Array:
+        """Returns the terminal cost () at a mean (nx,)."""
+        return problem.cost.terminal(mean)

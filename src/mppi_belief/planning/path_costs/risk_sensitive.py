@@ -1,0 +1,47 @@
+"""The risk-sensitive expected cost of Remark 4, of a Gaussian and of a mixture of Gaussians.
+
+q_RS(mu, Sigma) = E[q(x)] + theta / 2 Var[q(x)]        phi(mu, Sigma) = E[terminal(x)]
+"""
+
+from jax import Array
+
+from ...belief.cost import (
+    expected_terminal,
+    mixture_risk_sensitive,
+    mixture_terminal,
+    risk_sensitive,
+)
+from ...problem import Problem
+from ...structs import choice, number, struct
+
+
+@struct
+class RiskSensitive:
+    """Charges the expected cost and, in proportion to theta, its variance."""
+
+    theta: float = number(0.0, ge=0)  # risk aversion of Remark 4
+    variance_of: str = choice("penalty", "total")  # the obstacle penalty, or all of q as printed
+    expectation: str = choice("exact", "at_mean")  # of the penalty: (3), or its value at the mean
+    at_step_end: bool = choice(True, False)  # charge the belief at t_{k+1} for step k, or at t_k
+
+    def running(self, problem: Problem, mean: Array, cov: Array) -> Array:
+        """Returns q_RS () for a mean (nx,) and a covariance (nx, nx)."""
+        return risk_sensitive(
+            problem, mean, cov, self.theta, self.variance_of, self.expectation
+        )
+
+    def terminal(self, problem: Problem, mean: Array, cov: Array) -> Array:
+        """Returns the expected terminal cost () for a mean (nx,) and a covariance (nx, nx)."""
+        return expected_terminal(problem, mean, cov)
+
+    def mixture_running(self, problem: Problem, weights: Array, means: Array, covs: Array) -> Array:
+        """Returns q_RS () for weights (m,), means (m, nx) and covariances (m, nx, nx)."""
+        return mixture_risk_sensitive(
+            problem, weights, means, covs, self.theta, self.variance_of, self.expectation
+        )
+
+    def mixture_terminal(
+        self, problem: Problem, weights: Array, means: Array, covs: Array
+    ) -> Array:
+        """Returns the expected terminal cost () for weights, means and covariances as above."""
+        return mixture_terminal(problem, weights, means, covs)

@@ -1,0 +1,68 @@
+"""Paths from the optimal feedback policy of the problem expanded about the nominal, some about the nominal.
+
+The formulas are those of `mppi_belief.planning.feedback_policy`. Far fewer paths do, and the control for many paths
+is that of the nominal sampler, unless R dt > temperature / control_std^2.
+"""
+
+from typing import ClassVar
+
+from jax import Array
+
+from ...problem import Problem
+from ...structs import choice, number, struct
+from .. import feedback_policy, ilqr
+from ..parts import Draw, DrawnPaths, PathCost, PlannedBelief
+from ..path_integral import normals, receded
+
+
+@struct
+class LaplaceSampler:
+    """Draws controls from the policy of the Laplace approximation; fields as in `NominalSampler`."""
+
+    control_std: float | None = number(None, gt=0, optional=True)  # None: S_u = lambda R^-1 / dt
+    alpha: float | None = number(None, ge=0, le=1, optional=True)  # None: nominal' R delta dt
+    antithetic: bool = choice(False, True)  # mirrored pairs: half the normals, less variance
+
+    disturbs_mean: ClassVar[bool] = False
+
+    def prepare(
+        self,
+        problem: Problem,
+        path_cost: PathCost,
+        planned: PlannedBelief,
+        nominal: Array,
+        temperature: Array | float,
+    ) -> Draw:
+        """Returns a function that draws paths for the nominal controls (H, nu)."""
+        schedule = planned.moments.schedule
+        reference = feedback_policy.reference_density(
+            problem, nominal, temperature, self.control_std, self.alpha
+        )
+        cost = ilqr.staged(
+            problem.dt,
+            lambda mu, k: path_cost.running(problem, mu, schedule.cov[k]),
+            lambda mu: path_cost.terminal(problem, mu, schedule.cov[-1]),
+            len(nominal),
+            path_cost.at_step_end,
+        )
+        fallback = feedback_policy.nominal_policy(problem, nominal, temperature, self.control_std)
+        guide = feedback_policy.laplace_policy(
+            cost, problem, schedule.mean, reference, temperature, fallback
+        )
+
+        def draw(key: Array, n: int) -> DrawnPaths:
+            eps = normals(key, (*nominal.shape, n), self.antithetic)
+            second = feedback_policy.about_nominal(n, self.antithetic)
+            controls, means, log_density = feedback_policy.feedback_rollouts(
+                problem, schedule.mean[0], (guide, fallback), second, eps
+            )
+            correction = feedback_policy.density_correction(
+                reference, temperature, controls, log_density
+            )
+            return DrawnPaths(controls - nominal[:, :, None], means, correction)
+
+        return draw
+
+    def warm_start(self, improved: Array) -> Array:
+        """Returns the improved plan (H, nu) one step later."""
+        return receded(improved)

@@ -1,0 +1,60 @@
+"""Paths about a warm-started nominal, as in MPPI: the matched diffusion L_k L_k' = lambda G R^-1 G'.
+
+    u_k = nominal_k + delta_k,   delta_k ~ N(0, S_u)
+
+S_u = lambda R^-1 / dt samples the matched diffusion itself: G delta_k dt then is L_k eps_k of (18). Any other
+S_u = control_std^2 I is an importance density with the Girsanov term gamma nominal' S_u^-1 delta,
+gamma = lambda (1 - alpha) (Williams et al. 2018).
+"""
+
+from typing import ClassVar
+
+from jax import Array
+
+from ...problem import Problem
+from ...structs import choice, number, struct
+from ..parts import Draw, DrawnPaths, PathCost, PlannedBelief
+from ..path_integral import (
+    girsanov,
+    girsanov_weight,
+    matched_increments,
+    normals,
+    receded,
+)
+
+
+@struct
+class NominalSampler:
+    """Draws controls about the nominal plan."""
+
+    control_std: float | None = number(None, gt=0, optional=True)  # None: S_u = lambda R^-1 / dt
+    alpha: float | None = number(None, ge=0, le=1, optional=True)  # None: nominal' R delta dt
+    antithetic: bool = choice(False, True)  # mirrored pairs: half the normals, less variance
+
+    disturbs_mean: ClassVar[bool] = False
+
+    def prepare(
+        self,
+        problem: Problem,
+        path_cost: PathCost,
+        planned: PlannedBelief,
+        nominal: Array,
+        temperature: Array | float,
+    ) -> Draw:
+        """Returns a function that draws paths about the nominal controls (H, nu)."""
+        return self.around(problem, nominal, temperature)
+
+    def around(self, problem: Problem, nominal: Array, temperature: Array | float) -> Draw:
+        """Returns the same function; it needs neither costs nor covariances."""
+        weight = girsanov_weight(problem, temperature, self.control_std, self.alpha)
+
+        def draw(key: Array, n: int) -> DrawnPaths:
+            eps = normals(key, (*nominal.shape, n), self.antithetic)
+            increments = matched_increments(problem, eps, temperature, self.control_std)
+            return DrawnPaths(increments, None, girsanov(nominal, increments, weight))
+
+        return draw
+
+    def warm_start(self, improved: Array) -> Array:
+        """Returns the improved plan (H, nu) one step later."""
+        return receded(improved)
