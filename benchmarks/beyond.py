@@ -42,7 +42,7 @@ from table import origin  # noqa: E402
 
 STEPS = 60
 BELIEF = "controller=belief"
-GUIDED = "controller.proposal=laplace"
+GUIDED = "controller/sampler=laplace"
 
 
 class Row(NamedTuple):

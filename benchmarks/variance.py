@@ -23,7 +23,7 @@ from jax import Array  # noqa: E402
 
 from document import write_between  # noqa: E402
 from environments import ROOT  # noqa: E402
-from mppi_belief import MPPIBelief  # noqa: E402
+from mppi_belief import MPPI  # noqa: E402
 from mppi_belief.config.compose import collect  # noqa: E402
 from mppi_belief.simulate import closed_loop  # noqa: E402
 from mppi_belief.trial import Experiment, build, time_steps  # noqa: E402
@@ -86,7 +86,7 @@ def measure(name: str, n_keys: int) -> list[dict[str, Any]]:
             overrides = [
                 f"controller={name}",
                 f"planner.n_samples={n}",
-                f"controller.antithetic={mirrored}",
+                f"controller.sampler.antithetic={mirrored}",
             ]
             seconds = time_steps(collect(overrides)[0], 200)
             row[label] = {
@@ -129,7 +129,8 @@ def controls(
     parts: Experiment, moment_stack: Moment, n: int, mirrored: bool, n_keys: int, seed: int
 ) -> np.ndarray:
     """Returns the first controls (steps, keys, nu)."""
-    planner: MPPIBelief = replace(parts.controller, n_samples=n, antithetic=mirrored)
+    sampler = replace(parts.controller.sampler, antithetic=mirrored)
+    planner: MPPI = replace(parts.controller, n_samples=n, sampler=sampler)
     keys = jax.random.split(jax.random.key(seed), n_keys)
 
     @jax.jit

@@ -22,5 +22,6 @@ def workload(overrides: list[str] | None = None) -> dict[str, Any]:
         },
         **{name: cost[name] for name in ("w_obs", "bump_width")},
         **{name: obstacles[name] for name in ("centers", "radius")},
-        **{name: planner[name] for name in ("n_samples", "horizon", "temperature", "control_std")},
+        **{name: planner[name] for name in ("n_samples", "horizon", "temperature")},
+        "control_std": planner["sampler"]["control_std"],
     }

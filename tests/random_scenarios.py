@@ -60,34 +60,56 @@ SAMPLED = {"n_samples": N, "horizon": HORIZON}
 EKF = mb.EKF
 PARTICLE = partial(mb.ParticleFilter, PARTICLES, noise_at="mean")
 EACH = partial(mb.ParticleFilter, PARTICLES)
-TOTAL = {"risk": "total", "charge": "start"}
-PRINTED = {"diffusion": "innovation", "schedule": "riccati", **TOTAL}
+TOTAL = {"variance_of": "total", "at_step_end": False}
+RICCATI = mb.SharedCovariance("riccati")
 
 
-def _sampler(numbers: Numbers, *names: str, **options: Any) -> mb.MPPIBelief:
-    return mb.MPPIBelief(**SAMPLED, **_of(numbers, "temperature", *names), **options)
+def _planner(numbers: Numbers, path_cost: Any, sampler: Any, **parts: Any) -> mb.MPPI:
+    """A planner of given parts."""
+    parts = {"path_cost": path_cost, "sampler": sampler} | parts
+    return mb.MPPI(**SAMPLED, temperature=numbers["temperature"], **parts)
+
+
+def _averse(numbers: Numbers, **options: Any) -> mb.RiskSensitive:
+    return mb.RiskSensitive(numbers["theta"], **options)
+
+
+def _nominal(numbers: Numbers) -> mb.NominalSampler:
+    return mb.NominalSampler(numbers["control_std"])
+
+
+def _pipf(numbers: Numbers, combination: Any) -> mb.PIPF:
+    return mb.PIPF(
+        **SAMPLED,
+        temperature=numbers["temperature"],
+        sampler=_nominal(numbers),
+        combination=combination,
+    )
 
 
 METHODS: dict[str, tuple[Callable[[], Any], Callable[[Numbers], Any]]] = {
-    "belief": (EKF, lambda n: _sampler(n, "control_std", "theta")),
+    "belief": (EKF, lambda n: _planner(n, _averse(n), _nominal(n))),
     "belief, total, matched std": (
         EKF,
-        lambda n: _sampler(n, "theta", alpha=0.5, antithetic=True, **TOTAL),
+        lambda n: _planner(n, _averse(n, **TOTAL), mb.NominalSampler(alpha=0.5, antithetic=True)),
     ),
     "belief, particle": (
         EACH,
-        lambda n: _sampler(n, "control_std", "theta", expectation="at_mean"),
+        lambda n: _planner(n, _averse(n, expectation="at_mean"), _nominal(n)),
     ),
-    "belief, laplace": (EKF, lambda n: _sampler(n, "control_std", "theta", proposal="laplace")),
-    "ce": (EKF, lambda n: _sampler(n, "control_std", evaluate="mean")),
-    "algorithm_1": (EKF, lambda n: _sampler(n, "theta", **PRINTED)),
+    "belief, laplace": (
+        EKF,
+        lambda n: _planner(n, _averse(n), mb.LaplaceSampler(n["control_std"])),
+    ),
+    "ce": (EKF, lambda n: _planner(n, mb.CertaintyEquivalent(), _nominal(n))),
+    "algorithm_1": (
+        EKF,
+        lambda n: _planner(n, _averse(n, **TOTAL), mb.InnovationSampler(), schedule=RICCATI),
+    ),
     "ilqg": (EKF, lambda n: mb.EKFiLQG(horizon=HORIZON, max_iterations=20)),
     "lqg": (EKF, lambda n: mb.LQG()),
-    "pipf": (PARTICLE, lambda n: mb.PIPF(**SAMPLED, **_of(n, "temperature", "control_std"))),
-    "pipf, pooled": (
-        PARTICLE,
-        lambda n: mb.PIPF(**SAMPLED, **_of(n, "temperature", "control_std"), combine="pooled"),
-    ),
+    "pipf": (PARTICLE, lambda n: _pipf(n, mb.AverageOfParticles())),
+    "pipf, pooled": (PARTICLE, lambda n: _pipf(n, mb.PooledPaths())),
 }
 
 

@@ -34,7 +34,7 @@ def setting(
     """A cell by the labels that a report goes by."""
     made = config(seed)
     names = made["names"] | {"controller": method}
-    groups = {"controller": {"theta": theta}, "cost": {"w_obs": w_obs}}
+    groups = {"controller": {"path_cost": {"theta": theta}}, "cost": {"w_obs": w_obs}}
     return Cell(made | groups | {"names": names, "swept": swept})
 
 

@@ -119,7 +119,7 @@ def test_weights_where_costs_over_the_temperature_overflow():
 def test_a_step_without_one_finite_path_leaves_the_plan_alone_and_the_trial_says_so():
     problem = light_dark_problem(cost={"w_obs": 1e30}, steps=2)
     with jax.enable_x64(False):
-        controller = mb.MPPIBelief(8, 3, control_std=1.0, theta=1e30)
+        controller = mb.MPPI(8, 3, 1.0, mb.RiskSensitive(1e30), mb.NominalSampler(1.0))
         trial = quick_jit(lambda: mb.simulate_trial(problem, mb.EKF(), controller, 0, 0))()
         judged = quick_jit(mb.metrics)(problem, trial)
     np.testing.assert_array_equal(trial.controls, 0)

@@ -59,7 +59,7 @@ def test_a_trial_has_the_documented_shapes(problem, x64):
 
 
 def test_the_same_seed_and_trial_give_the_same_bits(problem, x64):
-    controller = mb.MPPIBelief(n_samples=8, horizon=4, control_std=2.75)
+    controller = mb.MPPI(n_samples=8, horizon=4, sampler=mb.NominalSampler(control_std=2.75))
     first, again = (run(problem, controller) for _ in range(2))
     for a, b in zip(jax.tree.leaves(first), jax.tree.leaves(again), strict=True):
         np.testing.assert_array_equal(a, b)
@@ -81,7 +81,9 @@ def test_a_trials_noise_does_not_depend_on_the_other_trials(problem, x64):
 def test_common_random_numbers_whatever_the_controller(problem, x64):
     """The noise, not the path: states part, the residuals of state and measurement stay."""
     idle, busy = (run(problem, Feedback(gain)) for gain in (0.0, 2.0))
-    planner = run(problem, mb.MPPIBelief(n_samples=8, horizon=4, control_std=2.75))
+    planner = run(
+        problem, mb.MPPI(n_samples=8, horizon=4, sampler=mb.NominalSampler(control_std=2.75))
+    )
     for other in (busy, planner):
         np.testing.assert_array_equal(idle.states[:, 0], other.states[:, 0])
         assert np.abs(idle.states[:, -1] - other.states[:, -1]).max() > 0.1

@@ -50,7 +50,7 @@ class Floor:
         with jax.enable_x64(self.x64):
             self.problem, filter, self.controller = jax.device_put(build(config))
             samples = self.controller.n_samples * getattr(filter, "n_particles", 1)
-            self.drawn = (samples + 1) // 2 if self.controller.antithetic else samples
+            self.drawn = (samples + 1) // 2 if self.controller.sampler.antithetic else samples
             self.plan = self.controller.init(self.problem)
             self.controls = jax.random.normal(jax.random.key(1), (*self.plan.shape, samples))
             self.program = jax.jit(self._program)
@@ -72,7 +72,9 @@ class Floor:
             sums.append(jnp.sum(rollouts(self.problem, belief.mean, plan[:, :, None] + controls)))
         if "schedule" in self.parts:
             sums.append(
-                jnp.sum(gain_schedule(self.problem, belief, plan, self.controller.schedule).cov)
+                jnp.sum(
+                    gain_schedule(self.problem, belief, plan, self.controller.schedule.method).cov
+                )
             )
         return sums
 

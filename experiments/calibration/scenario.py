@@ -154,8 +154,9 @@ def configure(base: dict[str, Any], candidate: dict[str, Any]) -> dict[str, Any]
         "bump_width": candidate["bump_width"],
         "w_obs": candidate["w_obs"],
     }
-    if "control_std" in config["controller"]:
-        config["controller"]["control_std"] = candidate["control_std"]
+    sampler = config["controller"].get("sampler", {})
+    if "control_std" in sampler:
+        sampler["control_std"] = candidate["control_std"]
     return config
 
 

@@ -12,7 +12,8 @@
         system, cost, prior_mean=[1, 1, 0, 0], prior_std=[0.2, 0.2, 0.05, 0.05], dt=0.1, steps=60,
         obstacles=obstacles, position=(0, 1),
     )
-    trial = mb.simulate_trial(problem, mb.EKF(), mb.MPPIBelief(theta=1, control_std=2.75), seed=0, trial=0)
+    planner = mb.MPPI(path_cost=mb.RiskSensitive(theta=1), sampler=mb.NominalSampler(control_std=2.75))
+    trial = mb.simulate_trial(problem, mb.EKF(), planner, seed=0, trial=0)
     print(mb.metrics(problem, trial))
 
 Names are loaded on first use, so that importing the package does not import JAX.

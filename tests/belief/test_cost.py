@@ -114,7 +114,7 @@ def test_without_risk_aversion_the_expectation_is_left(light_dark, x64, rng):
     m = running_moments(light_dark, MEAN, cov)
     for risk in ("penalty", "total"):
         np.testing.assert_allclose(
-            risk_sensitive(light_dark, MEAN, cov, 0.0, risk=risk), m.base + m.penalty, rtol=1e-13
+            risk_sensitive(light_dark, MEAN, cov, 0.0, variance_of=risk), m.base + m.penalty, rtol=1e-13
         )
 
 
@@ -123,7 +123,7 @@ def test_risk_sensitive_cost_is_remark_4(light_dark, x64, rng):
     m = running_moments(light_dark, MEAN, cov)
     for theta in (0.5, 1.0, 5.0):
         penalty, total = (
-            risk_sensitive(light_dark, MEAN, cov, theta, risk=risk) for risk in ("penalty", "total")
+            risk_sensitive(light_dark, MEAN, cov, theta, variance_of=risk) for risk in ("penalty", "total")
         )
         mean = m.base + m.penalty
         np.testing.assert_allclose(penalty, mean + theta / 2 * m.penalty_var, rtol=1e-13)
@@ -142,7 +142,7 @@ def test_the_penalty_expected_at_the_mean_is_its_value_there_and_nothing_else_ch
     assert abs(m.penalty - there) > 1
     for theta in (0.0, 0.5, 5.0):
         exact, default, at_mean = (
-            risk_sensitive(light_dark, MEAN, cov, theta, risk=risk, **given)
+            risk_sensitive(light_dark, MEAN, cov, theta, variance_of=risk, **given)
             for given in ({"expectation": "exact"}, {}, {"expectation": "at_mean"})
         )
         assert exact == default
@@ -159,7 +159,7 @@ def test_without_risk_aversion_paths_differ_by_their_cost_at_the_mean(light_dark
         totals = [
             sum(
                 float(
-                    risk_sensitive(light_dark, x, cov, 0.0, risk="penalty", expectation=expectation)
+                    risk_sensitive(light_dark, x, cov, 0.0, variance_of="penalty", expectation=expectation)
                 )
                 for x, cov in steps
             )
@@ -181,13 +181,13 @@ def test_without_risk_aversion_paths_differ_by_their_cost_at_the_mean(light_dark
 
 
 def test_a_planner_without_risk_aversion_that_expects_at_the_mean_is_ce_mppi(light_dark, x64):
-    sizes = {"n_samples": 64, "horizon": 8, "control_std": 2.75}
+    sizes = {"n_samples": 64, "horizon": 8, "sampler": mb.NominalSampler(control_std=2.75)}
     belief = mb.Belief(jnp.array([2.0, 0.5, 1.0, 0.0]), 0.05 * jnp.eye(4))
     act = quick_jit(
         lambda planner: planner.act(light_dark, belief, planner.init(light_dark), jax.random.key(1))
     )
-    blind = act(mb.MPPIBelief(**sizes, evaluate="mean"))
-    at_mean = act(mb.MPPIBelief(**sizes, theta=0.0, expectation="at_mean"))
+    blind = act(mb.MPPI(**sizes, path_cost=mb.CertaintyEquivalent()))
+    at_mean = act(mb.MPPI(**sizes, path_cost=mb.RiskSensitive(expectation="at_mean")))
     np.testing.assert_allclose(at_mean[2].weights, blind[2].weights, rtol=1e-7, atol=1e-12)
     np.testing.assert_allclose(at_mean[0], blind[0], rtol=1e-7)
 
@@ -199,7 +199,7 @@ def test_risk_sensitive_cost_is_the_start_of_the_entropic_one(x64):
     remainders = []
     for theta in (1e-2, 5e-3):
         entropic = (m**2 * theta / (2 * (1 - theta * s)) - 0.5 * np.log(1 - theta * s)) / theta
-        q_rs = risk_sensitive(problem, np.array([m]), np.array([[s]]), theta, risk="total")
+        q_rs = risk_sensitive(problem, np.array([m]), np.array([[s]]), theta, variance_of="total")
         remainders.append(entropic - q_rs)
     np.testing.assert_allclose(np.log2(remainders[0] / remainders[1]), 2, atol=0.05)
 
@@ -207,7 +207,7 @@ def test_risk_sensitive_cost_is_the_start_of_the_entropic_one(x64):
 @pytest.mark.parametrize("risk", ["penalty", "total"])
 def test_a_certain_belief_costs_what_its_mean_does(risk, light_dark, x64):
     for position in (MEAN, np.array([3.0, 1.0, 0, 0]), np.zeros(4)):
-        found = risk_sensitive(light_dark, position, jnp.zeros((4, 4)), 5.0, risk=risk)
+        found = risk_sensitive(light_dark, position, jnp.zeros((4, 4)), 5.0, variance_of=risk)
         certain = belief_cost.certainty_equivalent(light_dark, jnp.asarray(position))
         np.testing.assert_allclose(found, certain, rtol=1e-12)
     cost = light_dark.cost
@@ -228,7 +228,7 @@ def test_expected_terminal_cost_is_eq_4(light_dark, x64, rng):
 def test_more_risk_aversion_never_costs_less(light_dark, x64, rng):
     cov = 0.05 * random_spd(rng, 4)
     costs = [
-        risk_sensitive(light_dark, MEAN, cov, theta, risk="penalty")
+        risk_sensitive(light_dark, MEAN, cov, theta, variance_of="penalty")
         for theta in (0.0, 0.5, 1.0, 2.0)
     ]
     assert costs == sorted(costs)

@@ -19,27 +19,32 @@ from mppi_belief.belief import cost as belief_cost
 from mppi_belief.belief.gaussian import MixtureBelief, RootBelief
 from mppi_belief.belief.kalman import correct
 from mppi_belief.belief.prior import prior, prior_mixture, sample_prior
+from mppi_belief.belief.schedule import GainSchedule
 from mppi_belief.errors import ConfigError
 from mppi_belief.filters.mixture import reweighted
 from mppi_belief.numerics.linalg import log_normal_density
-from mppi_belief.planning.path_integral import PlanInfo
+from mppi_belief.planning.parts import PlanInfo
+from mppi_belief.planning.schedules.shared import MixturePlan
 from mppi_belief.trial import check
 
 KEY = jax.random.key(4)
 MODES = np.array([[0.3, 1.5, 0, 0], [0.0, -1.0, 0.2, 0]])
 WEIGHTS = np.array([0.7, 0.3])
-SMALL = mb.MPPIBelief(n_samples=16, horizon=5, control_std=1.0, temperature=30.0, theta=0.7)
+THETA = 0.7
+SMALL = mb.MPPI(16, 5, 30.0, mb.RiskSensitive(THETA), mb.NominalSampler(control_std=1.0))
 mixture_moments = quick_jit(belief_cost.mixture_moments)
 mixture_terminal = quick_jit(belief_cost.mixture_terminal)
 mixture_risk_sensitive = quick_jit(
-    belief_cost.mixture_risk_sensitive, static_argnames=("risk", "expectation")
+    belief_cost.mixture_risk_sensitive, static_argnames=("variance_of", "expectation")
 )
-risk_sensitive = quick_jit(belief_cost.risk_sensitive, static_argnames=("risk", "expectation"))
+risk_sensitive = quick_jit(
+    belief_cost.risk_sensitive, static_argnames=("variance_of", "expectation")
+)
 
 
 @quick_jit
 def act(
-    problem: mb.Problem, controller: mb.MPPIBelief, belief: Any, plan: Array
+    problem: mb.Problem, controller: mb.MPPI, belief: Any, plan: Array
 ) -> tuple[Array, Array, PlanInfo]:
     return controller.act(problem, belief, plan, KEY)
 
@@ -68,7 +73,9 @@ def covs_of(belief: MixtureBelief) -> Array:
 def charged(problem: mb.Problem, means: Any, covs: Any) -> Array:
     """q_RS of the mixture at one instant."""
     at = (WEIGHTS, jnp.stack(means), jnp.stack(covs))
-    return mixture_risk_sensitive(problem, *at, SMALL.theta, risk="penalty", expectation="exact")
+    return mixture_risk_sensitive(
+        problem, *at, THETA, variance_of="penalty", expectation="exact"
+    )
 
 
 def test_moments_are_those_of_the_whole(x64, rng):
@@ -206,13 +213,19 @@ def test_expectation_variance_and_covariance_agree_with_monte_carlo(light_dark, 
     assert_mean(np.asarray(quick_jit(jax.vmap(cost.terminal))(x)), terminal)
 
 
-@pytest.mark.parametrize(("risk", "expectation"), [("penalty", "exact"), ("total", "at_mean")])
-def test_equal_components_cost_what_one_does(risk, expectation, light_dark, x64, rng):
+@pytest.mark.parametrize(
+    ("variance_of", "expectation"), [("penalty", "exact"), ("total", "at_mean")]
+)
+def test_equal_components_cost_what_one_does(variance_of, expectation, light_dark, x64, rng):
     belief = mixture(rng)
     mean, cov = belief.means[0], covs_of(belief)[0]
     twice = (WEIGHTS, jnp.stack([mean] * 2), jnp.stack([cov] * 2), 0.7)
-    expected = risk_sensitive(light_dark, mean, cov, 0.7, risk=risk, expectation=expectation)
-    found = mixture_risk_sensitive(light_dark, *twice, risk=risk, expectation=expectation)
+    expected = risk_sensitive(
+        light_dark, mean, cov, 0.7, variance_of=variance_of, expectation=expectation
+    )
+    found = mixture_risk_sensitive(
+        light_dark, *twice, variance_of=variance_of, expectation=expectation
+    )
     np.testing.assert_allclose(found, expected, rtol=1e-12)
 
 
@@ -274,10 +287,12 @@ def test_a_planner_can_be_shown_the_moments_alone(scalar, x64):
     belief, plan, controller = (
         prior_mixture(problem),
         jnp.full((5, 1), 0.3),
-        replace(SMALL, risk="total"),
+        replace(SMALL, path_cost=mb.RiskSensitive(THETA, "total")),
     )
     expected = act(problem, controller, mb.Belief(belief.mean, belief.cov), plan)
-    found = act(problem, replace(controller, plan_from="moments"), belief, plan)
+    found = act(
+        problem, replace(controller, schedule=mb.SharedCovariance(components=False)), belief, plan
+    )
     np.testing.assert_allclose(found[0], expected[0], rtol=1e-9)
     assert (
         abs(act(problem, controller, belief, plan)[2].nominal_cost / expected[2].nominal_cost - 1)
@@ -322,7 +337,17 @@ def test_every_component_follows_the_same_controls_with_its_own_schedule(x64, rn
 def test_costs_may_be_charged_at_the_start_of_a_step(x64, rng):
     problem, belief = two_places(), mixture(rng)
     means, covs = rng.normal(size=(1, 2, 4, 3)), jnp.stack([covs_of(belief), 2 * covs_of(belief)])
-    found = quick_jit(replace(SMALL, charge="start")._mixture_costs)(problem, belief, means, covs)
+    at_start = mb.RiskSensitive(THETA, at_step_end=False)
+
+    @quick_jit
+    def state_costs(problem: mb.Problem, means: Array, covs: Array) -> Array:
+        schedules = GainSchedule(means, jnp.swapaxes(covs, 0, 1), means, means)
+        controls = jnp.zeros((1, 2))
+        return MixturePlan(problem, at_start, belief, schedules, controls, "filter").state_costs(
+            means
+        )
+
+    found = state_costs(problem, means, covs)
     first = 0.1 * charged(problem, belief.means, covs[0])
     for i in range(3):
         last = mixture_terminal(problem, WEIGHTS, jnp.asarray(means[0, :, :, i]), covs[1])

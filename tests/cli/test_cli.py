@@ -51,7 +51,7 @@ BAD = [
     "run --unknown",
     "run +controller.foo=1",
     "run controller.horizon=0",
-    "run controller.diffusion=backwards",
+    "run controller/sampler=backwards",
     "run problem.dt=-0.1",
     "run system.light=here",
     "run cost=quadratic",
@@ -165,7 +165,11 @@ def test_cfg_job_prints_the_configuration_and_runs_nothing(mppi_belief_command, 
     assert (said.code, said.err) == (0, "")
     printed = OmegaConf.create(said.out)
     assert set(printed) == set(Settings.__dataclass_fields__)
-    assert (printed.theta, printed.controller.evaluate, printed.n_trials) == (2.5, "mean", 200)
+    assert (printed.theta, printed.controller.path_cost._target_, printed.n_trials) == (
+        2.5,
+        "mppi_belief.CertaintyEquivalent",
+        200,
+    )
     assert files_in(tmp_path) == []
 
 
@@ -173,7 +177,7 @@ def test_numbers_at_the_top_reach_the_groups():
     (config,) = collect(
         "theta=2", "w_obs=100", "planner.horizon=7", "planner.n_samples=9", "planner.temperature=3"
     )
-    assert (config["controller"]["theta"], config["cost"]["w_obs"]) == (2.0, 100.0)
+    assert (config["controller"]["path_cost"]["theta"], config["cost"]["w_obs"]) == (2.0, 100.0)
     assert [config["controller"][key] for key in ("horizon", "n_samples", "temperature")] == [
         7,
         9,
@@ -192,13 +196,13 @@ def test_a_system_brings_its_cost_and_its_time_grid():
     (config,) = collect("system=scalar_linear")
     assert config["names"]["cost"] == "quadratic"
     assert len(config["problem"]["prior_mean"]) == len(config["cost"]["goal"]) == 1
-    assert config["controller"]["control_std"] is None
+    assert config["controller"]["sampler"]["control_std"] is None
 
 
 def test_sweeps_need_no_m_and_multiply():
     configs = collect("sweep=theta", "seed=3")
     assert [config["theta"] for config in configs] == [
-        config["controller"]["theta"] for config in configs
+        config["controller"]["path_cost"]["theta"] for config in configs
     ]
     assert [config["theta"] for config in configs] == [0, 0.5, 1, 2, 5]
     assert {config["seed"] for config in configs} == {3}

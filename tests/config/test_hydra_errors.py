@@ -40,8 +40,8 @@ OPTIONS = r"no such option, choose from .*"
         (["planner.foo=1"], r"unknown key 'planner\.foo'; .*"),
         (["planner.horizn=1"], r"unknown key 'planner\.horizn'; did you mean 'planner\.horizon'\?"),
         (
-            ["controller=ilqg", "controller.theta=1"],
-            r"'controller\.theta' is a key of another controller than the one chosen.*",
+            ["controller=ilqg", "controller.n_samples=1"],
+            r"'controller\.n_samples' is a key of another controller than the one chosen.*",
         ),
         (["+planner.foo=1"], r"unknown key 'planner\.foo'; .*"),
         (["theta=1,2"], r"theta=1,2: several values; add -m to sweep over them"),

@@ -1,7 +1,7 @@
 """Algorithm 1 as printed: the controller against the line-by-line version of the reference, on the same normals."""
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -14,10 +14,23 @@ import reference
 from helpers import CENTERS, light_dark_problem, quick_jit
 from mppi_belief.belief.prior import prior
 from mppi_belief.belief.schedule import diffusion_factors, gain_schedule
+from mppi_belief.planning import path_integral as pi
 
 KEY = jax.random.key(7)
-PRINTED = {"diffusion": "innovation", "charge": "start", "antithetic": False}
+AT_START = mb.RiskSensitive(at_step_end=False)
+RICCATI, FILTER = mb.SharedCovariance("riccati"), mb.SharedCovariance("filter")
 StateCost = Callable[[np.ndarray, np.ndarray], float]
+
+
+def printed(
+    n_samples: int = 40,
+    horizon: int = 6,
+    temperature: float = 1.0,
+    path_cost: Any = AT_START,
+    schedule: mb.SharedCovariance = FILTER,
+) -> mb.MPPI:
+    """Algorithm 1 as printed."""
+    return mb.MPPI(n_samples, horizon, temperature, path_cost, mb.InnovationSampler(), schedule)
 
 
 class Outcome(NamedTuple):
@@ -28,17 +41,17 @@ class Outcome(NamedTuple):
 
 
 @quick_jit
-def step(problem: mb.Problem, controller: mb.MPPIBelief, start: mb.Belief) -> Outcome:
+def step(problem: mb.Problem, controller: mb.MPPI, start: mb.Belief) -> Outcome:
     """One step on the zero nominal, with the factors L_k, which D_k leaves open up to a rotation."""
     plan = controller.init(problem)
-    factors, _ = diffusion_factors(gain_schedule(problem, start, plan, controller.schedule))
+    factors, _ = diffusion_factors(gain_schedule(problem, start, plan, controller.schedule.method))
     u, after, info = controller.act(problem, start, plan, KEY)
     return Outcome(u, after, info.ess, factors)
 
 
 def compare(
     problem: mb.Problem,
-    controller: mb.MPPIBelief,
+    controller: mb.MPPI,
     start: mb.Belief,
     model: reference.Linear,
     q: StateCost,
@@ -50,12 +63,14 @@ def compare(
         q, phi, np.asarray(problem.cost.R), controller.temperature, problem.dt
     )
     normals, factors = (
-        np.asarray(controller._normals(KEY, len(start.mean), controller.n_samples)),
+        np.asarray(
+            pi.normals(KEY, (controller.horizon, len(start.mean), controller.n_samples), False)
+        ),
         np.asarray(found.factors),
     )
     mean, cov = (np.asarray(part) for part in start)
     expected = reference.algorithm_1(
-        model, planner, mean, cov, normals, factors, controller.schedule
+        model, planner, mean, cov, normals, factors, controller.schedule.method
     )
     np.testing.assert_allclose(found.u, expected, rtol=1e-8, atol=1e-10)
     assert np.linalg.norm(found.u) > 0.01
@@ -64,11 +79,17 @@ def compare(
 
 
 @pytest.mark.parametrize(
-    ("evaluate", "schedule"), [("belief", "riccati"), ("belief", "filter"), ("mean", "filter")]
+    ("path_cost", "schedule"),
+    [
+        (mb.RiskSensitive(theta=1.5, at_step_end=False), RICCATI),
+        (mb.RiskSensitive(theta=1.5, at_step_end=False), FILTER),
+        (mb.CertaintyEquivalent(at_step_end=False), FILTER),
+    ],
 )
-def test_light_dark(evaluate, schedule, x64):
+def test_light_dark(path_cost, schedule, x64):
     """A diffusion of rank 2 in four dimensions, risk-sensitive costs next to an obstacle, convention "sample"."""
     goal, theta, w_obs = np.array([7.0, 0, 0, 0]), 1.5, 3.0
+    at_mean = isinstance(path_cost, mb.CertaintyEquivalent)
     running, terminal = np.array([0.2, 0.2, 0.1, 0.1]), np.array([0.3, 0.3, 0.1, 0.1])
     problem = light_dark_problem(
         cost={"running_weight": running, "terminal_weight": terminal, "w_obs": w_obs}
@@ -79,34 +100,24 @@ def test_light_dark(evaluate, schedule, x64):
 
     def q(mu: np.ndarray, cov: np.ndarray) -> float:
         base = reference.quadratic(mu[None], goal, np.diag(running))[0]
-        if evaluate == "mean":
+        if at_mean:
             return base + w_obs * reference.bumps(mu[None], np.array(CENTERS), 0.285)[0]
         mean, variance = reference.bump_moments(mu, cov, np.array(CENTERS), 0.285)
         return base + 0.5 * running @ np.diag(cov) + w_obs * mean + theta / 2 * w_obs**2 * variance
 
     def phi(mu: np.ndarray, cov: np.ndarray) -> float:
         certain = reference.quadratic(mu[None], goal, np.diag(terminal))[0]
-        return certain if evaluate == "mean" else certain + 0.5 * terminal @ np.diag(cov)
+        return certain if at_mean else certain + 0.5 * terminal @ np.diag(cov)
 
-    controller = mb.MPPIBelief(
-        n_samples=40,
-        horizon=6,
-        theta=theta,
-        temperature=0.3,
-        schedule=schedule,
-        evaluate=evaluate,
-        **PRINTED,
-    )
+    controller = printed(temperature=0.3, path_cost=path_cost, schedule=schedule)
     compare(problem, controller, start, reference.light_dark(sampled=True, dt=0.1), q, phi)
 
 
-@pytest.mark.parametrize("schedule", ["riccati", "filter"])
+@pytest.mark.parametrize("schedule", [RICCATI, FILTER])
 def test_scalar_system(schedule, scalar, x64):
     s, problem = scalar, scalar.problem(8)
     A, B, C, Q, R_o = (np.array([[v]]) for v in (s.a, s.b, s.c, s.sigma_w**2, s.sigma_o**2))
-    controller = mb.MPPIBelief(
-        n_samples=50, horizon=8, temperature=s.temperature, schedule=schedule, **PRINTED
-    )
+    controller = printed(50, 8, s.temperature, schedule=schedule)
     compare(
         problem,
         controller,
@@ -119,12 +130,12 @@ def test_scalar_system(schedule, scalar, x64):
 
 def test_uncorrelated_beliefs_do_not_move_the_light_dark_vehicle(light_dark, x64):
     """Paper notes, 4: D_0 has no part in the velocities, where the control acts, so Algorithm 1 returns nothing."""
-    controller = mb.MPPIBelief(n_samples=40, horizon=6, schedule="riccati", **PRINTED)
+    controller = printed(schedule=RICCATI)
     np.testing.assert_array_equal(step(light_dark, controller, prior(light_dark)).u, 0)
 
 
 def test_a_diffusion_of_deficient_rank_gives_a_finite_control_in_float32(light_dark):
-    controller = mb.MPPIBelief(n_samples=40, horizon=6, diffusion="innovation")
+    controller = printed(path_cost=mb.RiskSensitive())
     found = step(light_dark, controller, prior(light_dark))
     assert all(np.linalg.matrix_rank(L) == 2 for L in found.factors)
     assert np.all(np.isfinite(found.u))
@@ -135,7 +146,7 @@ def test_without_anything_to_learn_all_samples_are_the_nominal(x64):
     problem = light_dark_problem(system={"process_noise": 0}, prior_std=[0, 0, 0, 0])
     found = step(
         problem,
-        mb.MPPIBelief(n_samples=40, horizon=6, schedule="filter", **PRINTED),
+        printed(),
         prior(problem),
     )
     np.testing.assert_array_equal(found.factors, 0)

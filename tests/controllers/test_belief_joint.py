@@ -13,11 +13,12 @@ from mppi_belief.belief import cost as belief_cost
 from mppi_belief.belief import gaussian as gaussians
 from mppi_belief.belief import kalman as belief
 from mppi_belief.belief.prior import prior
-from mppi_belief.planning.path_integral import PlanInfo
+from mppi_belief.planning.parts import PlanInfo
 
 KEY = jax.random.key(7)
-SMALL = mb.JointBelief(n_samples=32, horizon=6, control_std=1.0, temperature=30.0, theta=0.7)
-SHARED = mb.MPPIBelief(n_samples=32, horizon=6, control_std=1.0, temperature=30.0, theta=0.7)
+THETA = 0.7
+SHARED = mb.MPPI(32, 6, 30.0, mb.RiskSensitive(THETA), mb.NominalSampler(control_std=1.0))
+SMALL = replace(SHARED, schedule=mb.PerPathCovariance())
 PLAN = 0.3 * jax.random.normal(jax.random.key(1), (6, 2))
 
 
@@ -33,14 +34,16 @@ def state_costs(problem: mb.Problem, controls: Array) -> tuple[Array, Array]:
     start = gaussians.RootBelief(
         jnp.asarray(problem.prior_mean), jnp.diag(jnp.asarray(problem.prior_std))
     )
-    return SMALL.state_costs(problem, start, controls)
+    planned = SMALL.schedule.plan(problem, SMALL.path_cost, start, controls[:, :, 0])
+    return planned.costs(controls, None)
 
 
 def test_where_the_sensor_is_the_same_everywhere_it_is_mppi_belief(x64):
     """The covariance of a linear system then depends on no path."""
     blind = light_dark_problem(system={"noise_slope": 0})
-    for charge in ("end", "start"):
-        own, shared = (act(blind, replace(c, charge=charge)) for c in (SMALL, SHARED))
+    for at_step_end in (True, False):
+        path_cost = mb.RiskSensitive(THETA, at_step_end=at_step_end)
+        own, shared = (act(blind, replace(c, path_cost=path_cost)) for c in (SMALL, SHARED))
         for a, b in zip(jax.tree.leaves(own), jax.tree.leaves(shared), strict=True):
             np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-9)
 
@@ -56,7 +59,7 @@ def test_in_the_light_and_the_dark_it_is_not(x64):
 
 def test_each_path_is_charged_for_the_belief_that_its_own_filter_would_have(x64):
     """Path by path with the filter itself, given the measurements that it expects."""
-    problem, theta = light_dark_problem(), SMALL.theta
+    problem, theta = light_dark_problem(), THETA
     controls = jax.random.normal(KEY, (6, 2, 2))
     costs, means = state_costs(problem, controls)
     for i in range(2):

@@ -11,7 +11,9 @@ from mppi_belief.belief.particles import ParticleBelief, weighted_particles
 
 KEY = jax.random.key(3)
 PLAN = 0.3 * jnp.ones((10, 2))
-SHARED = {"horizon": 10, "temperature": 2.0, "control_std": 1.5}
+STD, TEMPERATURE = 1.5, 2.0
+SHARED = {"horizon": 10, "temperature": TEMPERATURE, "sampler": mb.NominalSampler(STD)}
+COMBINATIONS = {"average": mb.AverageOfParticles(), "pooled": mb.PooledPaths()}
 
 
 def particles(*states: list[float], weights: list[float] | None = None) -> ParticleBelief:
@@ -32,8 +34,8 @@ def rate(problem: mb.Problem, x: jax.Array) -> jax.Array:
 @pytest.mark.parametrize("combine", ["average", "pooled"])
 def test_one_certain_particle_gives_the_control_of_ce_mppi(combine, light_dark, x64):
     state = [2.0, 0.5, 1.0, -0.2]
-    pipf = mb.PIPF(n_samples=64, combine=combine, **SHARED)
-    ce = mb.MPPIBelief(n_samples=64, evaluate="mean", **SHARED)
+    pipf = mb.PIPF(n_samples=64, combination=COMBINATIONS[combine], **SHARED)
+    ce = mb.MPPI(n_samples=64, path_cost=mb.CertaintyEquivalent(), **SHARED)
     belief = mb.Belief(jnp.asarray(state), jnp.zeros((4, 4)))
     np.testing.assert_allclose(
         act(light_dark, pipf, particles(state)), act(light_dark, ce, belief), rtol=1e-12
@@ -47,7 +49,7 @@ def increments_and_costs(problem: mb.Problem, belief: ParticleBelief, n_samples:
         np.asarray(PLAN),
         np.asarray(problem.cost.R),
     )
-    deltas = SHARED["control_std"] * np.asarray(jax.random.normal(KEY, (10, 2, count)))
+    deltas = STD * np.asarray(jax.random.normal(KEY, (10, 2, count)))
     costs = np.zeros(count)
     for i in range(count):
         x = np.asarray(belief.particles[:, i // n_samples])
@@ -65,24 +67,32 @@ def test_particles_are_combined_as_documented(combine, light_dark, x64):
         [1.0, 1.0, 0, 0], [2.0, 0.2, 1, 0], [4.0, -1.0, 0, 0.5], weights=[0.2, 0.5, 0.3]
     )
     costs, deltas = increments_and_costs(light_dark, belief, n_samples=8)
-    likelihoods = np.exp(-(costs - costs.min()) / SHARED["temperature"])
+    likelihoods = np.exp(-(costs - costs.min()) / TEMPERATURE)
     posterior = np.exp(np.asarray(belief.log_weights))[:, None]
     if combine == "average":
         weights = posterior * likelihoods / likelihoods.sum(axis=1, keepdims=True)
     else:
         weights = posterior * likelihoods / np.sum(posterior * likelihoods)
     expected = np.asarray(PLAN[0]) + np.einsum("jl,jli->i", weights, deltas)
-    found = act(light_dark, mb.PIPF(n_samples=8, combine=combine, **SHARED), belief)
+    found = act(
+        light_dark, mb.PIPF(n_samples=8, combination=COMBINATIONS[combine], **SHARED), belief
+    )
     np.testing.assert_allclose(found, expected, rtol=1e-9)
 
 
 def test_the_two_ways_to_combine_differ_where_particles_do(light_dark):
     belief = particles([1.0, 1.0, 0, 0], [4.0, -1.0, 0, 0.5])
     controls = [
-        act(light_dark, mb.PIPF(n_samples=64, combine=way, **SHARED), belief)
-        for way in ("average", "pooled")
+        act(light_dark, mb.PIPF(n_samples=64, combination=way, **SHARED), belief)
+        for way in COMBINATIONS.values()
     ]
     assert np.linalg.norm(controls[0] - controls[1]) > 0.1
+
+
+@pytest.mark.parametrize("sampler", [mb.InnovationSampler(), mb.LaplaceSampler(), "nominal"])
+def test_a_sampler_that_plans_from_one_gaussian_is_refused(sampler):
+    with pytest.raises(ValueError, match="NominalSampler"):
+        mb.PIPF(sampler=sampler)
 
 
 def test_a_filter_without_particles_is_refused():

@@ -54,7 +54,7 @@ def test_lqg_costs_what_the_value_function_says(scalar, x64):
 
 def test_ilqg_is_lqg_on_a_linear_quadratic_problem(scalar, x64):
     problem = scalar.problem(STEPS)
-    receding = mb.LQG(horizon=12, charge="end")
+    receding = mb.LQG(horizon=12, at_step_end=True)
     found = costs(problem, mb.EKFiLQG(horizon=12, tolerance=1e-12))
     np.testing.assert_allclose(found, costs(problem, receding), rtol=1e-8)
 
@@ -63,16 +63,18 @@ def test_ilqg_is_lqg_on_a_linear_quadratic_problem(scalar, x64):
 def test_sampling_controllers_approach_lqg_as_samples_grow(name, scalar):
     problem = scalar.problem(STEPS)
     shared, optimal = (
-        {"horizon": STEPS, "temperature": scalar.temperature, "charge": "start"},
+        {"horizon": STEPS, "temperature": scalar.temperature},
         costs(problem, mb.LQG()),
     )
 
     def excess(n_samples: int) -> np.ndarray:
         if name == "pipf":
-            pipf = mb.PIPF(n_samples=max(n_samples // 100, 2), **shared)
+            certain = mb.CertaintyEquivalent(at_step_end=False)
+            pipf = mb.PIPF(n_samples=max(n_samples // 100, 2), path_cost=certain, **shared)
             return costs(problem, pipf, mb.ParticleFilter(100)) - optimal
-        evaluate = "mean" if name == "ce" else "belief"
-        return costs(problem, mb.MPPIBelief(n_samples, evaluate=evaluate, **shared)) - optimal
+        kind = mb.CertaintyEquivalent if name == "ce" else mb.RiskSensitive
+        planner = mb.MPPI(n_samples, path_cost=kind(at_step_end=False), **shared)
+        return costs(problem, planner) - optimal
 
     few, many = excess(40), excess(4000)
     lqg = expected_lqg_cost(scalar, problem)
@@ -86,18 +88,21 @@ def test_sampling_controllers_approach_lqg_as_samples_grow(name, scalar):
 
 def test_an_oracle_is_told_the_true_state_for_certain():
     x, belief = jnp.array([1.0, 2.0]), mb.Belief(jnp.zeros(2), jnp.eye(2))
-    told = controller_belief(mb.MPPIBelief(sees_state=True), belief, x)
+    told = controller_belief(mb.OracleMPPI(), belief, x)
     np.testing.assert_array_equal(told.mean, x)
     assert not told.cov.any()
-    assert controller_belief(mb.MPPIBelief(), belief, x) is belief
+    assert controller_belief(mb.MPPI(), belief, x) is belief
 
 
 def test_seeing_the_state_is_worth_something():
     problem, hundred = light_dark_problem(), TRIALS[:100]
-    ce = {"n_samples": 200, "control_std": 2.75, "evaluate": "mean"}
+    settings = {
+        "n_samples": 200,
+        "path_cost": mb.CertaintyEquivalent(),
+        "sampler": mb.NominalSampler(control_std=2.75),
+    }
     blind, told = (
-        costs(problem, mb.MPPIBelief(**ce, sees_state=sees), trials=hundred)
-        for sees in (False, True)
+        costs(problem, kind(**settings), trials=hundred) for kind in (mb.MPPI, mb.OracleMPPI)
     )
     saved = blind - told
     assert saved.mean() > 4.5 * saved.std(ddof=1) / np.sqrt(len(saved))

@@ -1,6 +1,6 @@
 """Controllers of the package behind a gate: a worker waits here until the test lets its trial begin.
 
-A configuration names `gated.MPPIBelief` instead of `mppi_belief.MPPIBelief`. `run_trials` looks the class up for every
+A configuration names `gated.MPPI` instead of `mppi_belief.MPPI`. `run_trials` looks the class up for every
 batch of trials, and each look-up in a worker takes a ticket of the gate (`gate_helpers.Gate`). Without a gate, and in
 the leading process, nothing waits; the class, and with it every number, is the package's own.
 """

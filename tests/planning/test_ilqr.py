@@ -16,16 +16,22 @@ from mppi_belief.planning import ilqr
 SETTINGS = ilqr.Settings(tolerance=1e-9, max_iterations=100, damping=1e-6, factor=4.0, most=1e8)
 
 
-def objective(problem: mb.Problem, horizon: int, charge: str = "end"):
-    return ilqr.state_cost(problem, lambda x: certainty_equivalent(problem, x), horizon, charge)
+def objective(problem: mb.Problem, horizon: int, at_step_end: bool = True):
+    return ilqr.state_cost(
+        problem, lambda x: certainty_equivalent(problem, x), horizon, at_step_end
+    )
 
 
-@partial(quick_jit, static_argnames=("horizon", "charge"))
+@partial(quick_jit, static_argnames=("horizon", "at_step_end"))
 def _solve(
-    problem: mb.Problem, start, settings: ilqr.Settings, horizon: int, charge: str
+    problem: mb.Problem, start, settings: ilqr.Settings, horizon: int, at_step_end: bool
 ) -> ilqr.Solution:
     return ilqr.solve(
-        problem, objective(problem, horizon, charge), ilqr.still(problem, horizon), start, settings
+        problem,
+        objective(problem, horizon, at_step_end),
+        ilqr.still(problem, horizon),
+        start,
+        settings,
     )
 
 
@@ -34,9 +40,9 @@ def solve(
     start,
     settings: ilqr.Settings = SETTINGS,
     horizon: int = 30,
-    charge: str = "end",
+    at_step_end: bool = True,
 ) -> ilqr.Solution:
-    return _solve(problem, jnp.asarray(start), settings, horizon, charge)
+    return _solve(problem, jnp.asarray(start), settings, horizon, at_step_end)
 
 
 @quick_jit
@@ -45,14 +51,14 @@ def closed_loops(problem: mb.Problem, controller: mb.EKFiLQG) -> mb.Trial:
     return jax.vmap(lambda i: mb.simulate_trial(problem, mb.EKF(), controller, 0, i))(jnp.arange(4))
 
 
-@pytest.mark.parametrize("charge", ["start", "end"])
-def test_one_iteration_solves_a_linear_quadratic_problem(charge, x64, rng):
+@pytest.mark.parametrize("at_step_end", [False, True])
+def test_one_iteration_solves_a_linear_quadratic_problem(at_step_end, x64, rng):
     problem, horizon = random_problem(rng), 12
     start = np.asarray(problem.prior_mean) + 1.0
     once = SETTINGS._replace(max_iterations=1)
-    found = solve(problem, start, once, horizon, charge)
+    found = solve(problem, start, once, horizon, at_step_end)
     charged = np.ones(horizon + 1)
-    charged[0 if charge == "end" else -1] = 0
+    charged[0 if at_step_end else -1] = 0
     np.testing.assert_allclose(
         found.policy.controls, lqr(problem, start, charged), rtol=1e-8, atol=1e-8
     )

@@ -61,8 +61,8 @@ def test_rollouts_equal_a_loop(disturbed, together, x64, rng):
             np.testing.assert_allclose(found[k, :, i], mu, atol=1e-12)
 
 
-@pytest.mark.parametrize("charge", ["start", "end"])
-def test_path_costs_equal_a_loop(charge, x64, rng):
+@pytest.mark.parametrize("at_step_end", [False, True])
+def test_accumulated_costs_equal_a_loop(at_step_end, x64, rng):
     problem, H, N = light_dark_problem(), 4, 3
     start, means, covs = (
         rng.normal(size=4),
@@ -76,10 +76,12 @@ def test_path_costs_equal_a_loop(charge, x64, rng):
     def terminal(mu: Array, cov: Array) -> Array:
         return 3 * mu[1] + cov[2, 2]
 
-    found = pi.path_costs(problem, jnp.asarray(start), means, covs, charge, running, terminal)
+    found = pi.accumulated_costs(
+        problem, jnp.asarray(start), means, covs, at_step_end, running, terminal
+    )
     for i in range(N):
         path = [start, *means[:, :, i]]
-        first = 0 if charge == "start" else 1
+        first = 1 if at_step_end else 0
         total = sum(running(path[k], covs[k]) * DT for k in range(first, H + first)) + terminal(
             path[-1], covs[-1]
         )
@@ -190,8 +192,8 @@ def costs_of_means(problem: mb.Problem, start: Array, means: Array) -> Array:
     def terminal(mu: Array, cov: Array) -> Array:
         return cost.terminal(mu)
 
-    return pi.path_costs(
-        problem, start, means, jnp.zeros((len(means) + 1, 1, 1)), "start", running, terminal
+    return pi.accumulated_costs(
+        problem, start, means, jnp.zeros((len(means) + 1, 1, 1)), False, running, terminal
     )
 
 
@@ -250,14 +252,14 @@ def test_alpha_means_the_same_for_the_exact_spread_given_or_not(alpha, scalar, x
 @pytest.mark.parametrize("block", [4, 100])
 def test_no_path_of_any_block_weighs_anything_if_no_cost_is_finite(block, monkeypatch, x64):
     monkeypatch.setattr(pi, "BLOCK", block)
-    change, w, _ = pi.weighted_in_blocks(
-        lambda key, n: (jnp.ones((2, 1, n)), jnp.full(n, jnp.nan), jnp.zeros((2, 3, n))),
-        jax.random.key(0),
-        9,
-        1.0,
-    )
-    np.testing.assert_array_equal(w, np.zeros(9))
-    np.testing.assert_array_equal(change, 0)
+
+    def sample(key: Array, n: int) -> pi.CostedPaths:
+        return pi.CostedPaths(jnp.ones((2, 1, n)), jnp.full(n, jnp.nan), jnp.zeros((2, 3, n)))
+
+    nominal = jnp.full((2, 1), 0.3)
+    improved = pi.improve(nominal, sample, jax.random.key(0), 9, pi.Exponential(1.0))
+    np.testing.assert_array_equal(improved.weights, np.zeros(9))
+    np.testing.assert_array_equal(improved.controls, nominal)
 
 
 @pytest.mark.parametrize("block", [4, 100])
@@ -265,11 +267,12 @@ def test_paths_without_a_finite_cost_weigh_nothing_in_any_block(block, monkeypat
     monkeypatch.setattr(pi, "BLOCK", block)
     bad = jnp.array([jnp.nan, jnp.inf, -jnp.inf, 0.0])
 
-    def sample(key: Array, n: int) -> tuple[Array, Array, Array]:
+    def sample(key: Array, n: int) -> pi.CostedPaths:
         costs = jax.random.uniform(key, (n,)) + jnp.tile(bad, 3)[:n]
-        return jnp.ones((2, 1, n)), costs, jnp.zeros((2, 3, n))
+        return pi.CostedPaths(jnp.ones((2, 1, n)), costs, jnp.zeros((2, 3, n)))
 
-    change, w, _ = pi.weighted_in_blocks(sample, jax.random.key(0), 12, 0.5)
+    nominal, weighting = jnp.zeros((2, 1)), pi.Exponential(0.5)
+    change, w, _ = pi.improve(nominal, sample, jax.random.key(0), 12, weighting)
     np.testing.assert_array_equal(np.asarray(w).reshape(3, 4)[:, :3], 0)
     assert np.all(np.asarray(w).reshape(3, 4)[:, 3] > 0)
     np.testing.assert_allclose(np.sum(w), 1, rtol=1e-12)

@@ -56,7 +56,12 @@ def cell(method: str = "belief", theta: float = 1.0, w_obs: float = 500.0, **swe
     names = made["names"] | {"controller": method}
     return Cell(
         made
-        | {"names": names, "swept": swept, "controller": {"theta": theta}, "cost": {"w_obs": w_obs}}
+        | {
+            "names": names,
+            "swept": swept,
+            "controller": {"path_cost": {"theta": theta}},
+            "cost": {"w_obs": w_obs},
+        }
     )
 
 

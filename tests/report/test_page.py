@@ -168,7 +168,7 @@ def page() -> Page:
         ],
         provenance=[
             ("Commit", "4a7f4001fefa10c03e45e15b8898ef62c29aaaa1"),
-            ("Command", f"{command} planner.horizon=30 controller.control_std=2.75 workers=16"),
+            ("Command", f"{command} planner.horizon=30 planner.control_std=2.75 workers=16"),
             ("Versions", "Python 3.11.2, jax 0.7.1, numpy 2.3.2"),
         ],
     )

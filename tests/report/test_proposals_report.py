@@ -13,7 +13,7 @@ def found(
     proposal: str, samples: int, cost: float, ess: float, method: str = "belief", **more
 ) -> CellResults:
     """Twenty trials of a cell that takes a millisecond for a hundred samples."""
-    swept = {"controller.proposal": proposal, "planner.n_samples": samples}
+    swept = {"sampler": proposal, "planner.n_samples": samples}
     cell = setting(method, **more, **swept)
     cell = cell._replace(
         config=cell.config | {"controller": cell.config["controller"] | {"n_samples": samples}}

@@ -54,7 +54,9 @@ def planned(parts: Experiment, controls: np.ndarray) -> tuple[jax.Array, jax.Arr
     """State costs (N,) and means (T, 2, N) of controls (T, 2, N) from the prior."""
     problem = parts.problem
     start = RootBelief(jnp.asarray(problem.prior_mean), jnp.diag(jnp.asarray(problem.prior_std)))
-    return parts.controller.state_costs(problem, start, jnp.asarray(controls))
+    planner, paths = parts.controller, jnp.asarray(controls)
+    plan = planner.schedule.plan(problem, planner.path_cost, start, paths[:, :, 0])
+    return plan.costs(paths, None)
 
 
 @pytest.mark.parametrize("study", PUBLISHED)

@@ -38,7 +38,7 @@ def study() -> list[CellResults]:
         found("belief", 1, 18, theta=1.0, filter="mixture"),
         found("belief", 4, 7, theta=1.0, filter="ekf"),
         found("belief", 2, 9, theta=0.0, filter="ekf"),
-        found("belief", 0, 0, theta=1.0, filter="mixture", **{"controller.plan_from": "moments"}),
+        found("belief", 0, 0, theta=1.0, filter="mixture", schedule="moments"),
         found("ce", 8, 15, filter="ekf"),
         found("pipf", 3, 12),
     ]

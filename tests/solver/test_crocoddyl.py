@@ -71,7 +71,7 @@ def test_both_find_the_same_optimum(start):
     jax.config.update("jax_enable_x64", True)
     cost = mb.GoalObstacleCost([0, 0], QX, QT, [R])
     problem = mb.Problem(Pendulum(), cost, start, [0, 0], DT, HORIZON)
-    objective = ilqr.state_cost(problem, cost.base, HORIZON, "end")
+    objective = ilqr.state_cost(problem, cost.base, HORIZON, True)
     found = ilqr.solve(
         problem, objective, ilqr.still(problem, HORIZON), jnp.asarray(start), SETTINGS
     )

@@ -15,12 +15,13 @@ import mppi_belief as mb
 from helpers import SIGMAS, light_dark_problem, users_jit
 
 TRIALS, REFERENCE_TRIALS = 100, 400
+SAMPLER = mb.NominalSampler(control_std=2.75)
 
 
 class Row(NamedTuple):
     """Mean and standard error of cost and clearance (m), trials with a collision, mean final distance (m)."""
 
-    controller: mb.MPPIBelief
+    controller: mb.MPPI
     cost: tuple[float, float]
     clearance: tuple[float, float]
     collisions: int
@@ -29,10 +30,18 @@ class Row(NamedTuple):
 
 TABLE = {
     "CE-MPPI": Row(
-        mb.MPPIBelief(control_std=2.75, evaluate="mean"), (44.8, 0.35), (0.108, 0.009), 102, 1.01
+        mb.MPPI(path_cost=mb.CertaintyEquivalent(), sampler=SAMPLER),
+        (44.8, 0.35),
+        (0.108, 0.009),
+        102,
+        1.01,
     ),
     "MPPI-Belief": Row(
-        mb.MPPIBelief(control_std=2.75, theta=1.0), (55.9, 0.38), (0.734, 0.013), 2, 1.01
+        mb.MPPI(path_cost=mb.RiskSensitive(theta=1.0), sampler=SAMPLER),
+        (55.9, 0.38),
+        (0.734, 0.013),
+        2,
+        1.01,
     ),
 }
 
@@ -42,7 +51,7 @@ def measured() -> dict[str, mb.Metrics]:
     """Metrics (TRIALS,) by method, in the precision actually run, by programs that are compiled as users'."""
     problem = light_dark_problem()
 
-    def metrics(controller: mb.MPPIBelief) -> mb.Metrics:
+    def metrics(controller: mb.MPPI) -> mb.Metrics:
         def one(number: jax.Array) -> mb.Metrics:
             return mb.metrics(problem, mb.simulate_trial(problem, mb.EKF(), controller, 0, number))
 

@@ -77,7 +77,11 @@ def test_build_makes_what_the_configuration_says():
     assert isinstance(built.problem.system, mb.LightDark)
     assert isinstance(built.problem.obstacles, mb.Obstacles)
     assert isinstance(built.filter, mb.EKF)
-    assert (built.controller.theta, built.controller.n_samples, built.problem.cost.w_obs) == (
+    assert (
+        built.controller.path_cost.theta,
+        built.controller.n_samples,
+        built.problem.cost.w_obs,
+    ) == (
         2.0,
         16,
         100.0,
@@ -89,7 +93,14 @@ def test_build_makes_what_the_configuration_says():
     ("change", "reason"),
     [
         ("controller.horizon=0", r"controller\.horizon must be at least 1"),
-        ("controller.charge=never", r"controller\.charge must be one of end, start"),
+        (
+            "controller.path_cost.at_step_end=never",
+            r"controller\.path_cost\.at_step_end must be one of True, False",
+        ),
+        (
+            "controller.sampler=laplace",
+            r"controller\.sampler must be an object, .* controller/sampler=NAME",
+        ),
         ("planner.temperature=0", r"controller\.temperature must be greater than 0"),
         ("system.noise_floor=0", r"system\.noise_floor must be greater than 0"),
         ("system.light=bright", r"system\.light must be a number"),
@@ -277,7 +288,7 @@ def test_what_is_given_to_the_problem_is_checked(change, reason):
 @pytest.mark.parametrize(
     ("change", "reason"),
     [
-        ("theta=1e39", r"controller\.theta=1e\+39: too large for float32"),
+        ("theta=1e39", r"controller\.path_cost\.theta=1e\+39: too large for float32"),
         ("system.light=-1e39", r"system\.light=-1e\+39: too large for float32"),
         ("problem.dt=1e-50", r"problem\.dt=1e-50: too small for float32"),
     ],

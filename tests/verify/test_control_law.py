@@ -11,8 +11,9 @@ import mppi_belief as mb
 from helpers import SIGMAS, float64, quick_jit
 from mppi_belief.belief.cost import risk_sensitive
 from mppi_belief.belief.schedule import GainSchedule
-from mppi_belief.controllers import mppi_belief as planner
 from mppi_belief.planning import path_integral as pi
+from mppi_belief.planning.samplers import innovation
+from mppi_belief.planning.schedules import shared
 from mppi_belief.results.certificate import Certificate
 from mppi_belief.verify import pde, transient, underactuated
 from mppi_belief.verify.bands import largest_z
@@ -128,7 +129,7 @@ def test_a_control_map_that_sees_the_rest_of_the_space_shows(double_integrator, 
 def test_the_double_integrators_exact_control_is_lqg_of_the_same_steps(double_integrator):
     problem, cov, temperature, along = double_integrator
     with float64():
-        controller = mb.LQG(charge="start")
+        controller = mb.LQG(at_step_end=False)
 
         @quick_jit
         def act(problem: mb.Problem, state: jax.Array) -> jax.Array:
@@ -187,7 +188,7 @@ def test_factors_of_another_diffusion_show(flight):
         assert transient.printed(problem, one[0], 1.001 * one[1], one[2]).factor_error > 1e-4
 
 
-PATH_COSTS, WEIGHTS, FACTORS = pi.path_costs, pi.weights, planner.diffusion_factors
+COSTS, WEIGHTS, FACTORS = shared.accumulated_costs, pi.weights, innovation.diffusion_factors
 
 
 def frozen(schedule: GainSchedule) -> tuple[jax.Array, jax.Array]:
@@ -198,18 +199,16 @@ def frozen(schedule: GainSchedule) -> tuple[jax.Array, jax.Array]:
 MUTATIONS = {
     "temperature": (pi, "weights", lambda S, temperature: WEIGHTS(S, 1.03 * temperature)),
     "charge": (
-        pi,
-        "path_costs",
-        lambda p, m, s, covs, charge, *costs: PATH_COSTS(p, m, s, covs, "end", *costs),
+        shared,
+        "accumulated_costs",
+        lambda p, m, s, covs, at_step_end, *costs: COSTS(p, m, s, covs, True, *costs),
     ),
     "Sigma_k": (
-        pi,
-        "path_costs",
-        lambda p, m, s, covs, *rest: PATH_COSTS(
-            p, m, s, jnp.broadcast_to(covs[0], covs.shape), *rest
-        ),
+        shared,
+        "accumulated_costs",
+        lambda p, m, s, covs, *rest: COSTS(p, m, s, jnp.broadcast_to(covs[0], covs.shape), *rest),
     ),
-    "L_k": (planner, "diffusion_factors", frozen),
+    "L_k": (innovation, "diffusion_factors", frozen),
 }
 
 

@@ -58,8 +58,7 @@ class Risky:
     """Feedback with what Remark 4 asks for."""
 
     gain: float = mb.number()
-    theta: float = mb.number(0.5)
-    risk: str = mb.choice("penalty", "total")
+    path_cost: mb.RiskSensitive
 
     def init(self, problem: mb.Problem) -> Array:
         return Feedback(self.gain).init(problem)
@@ -72,7 +71,7 @@ def found(problem: mb.Problem, temperature: float = 0.6, theta: float = 0.5) -> 
     return what_holds(
         problem,
         mb.EKF(),
-        Risky(0.5, theta),
+        Risky(0.5, mb.RiskSensitive(theta)),
         temperature,
         seed=0,
         name="mine",

@@ -9,7 +9,7 @@ from jax import Array
 from ..discretise import euler_step, measurement_intensity
 from ..numerics.linalg import psd_factor
 from ..problem import Belief, Problem
-from .gaussian import RootBelief, covariance, covariance_root
+from .gaussian import MixtureBelief, RootBelief, covariance, covariance_root
 from .kalman import aim_sensor, filter_step
 from .riccati import kalman_bucy_gain, riccati_root
 
@@ -29,7 +29,7 @@ class GainSchedule(NamedTuple):
 
 def gain_schedule(
     problem: Problem,
-    belief: Belief | RootBelief,
+    belief: Belief | RootBelief | MixtureBelief,
     controls: Array,
     method: str = "filter",
     means: Array | None = None,

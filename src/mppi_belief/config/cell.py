@@ -44,9 +44,11 @@ def batches(trials: Sequence[int], size: int) -> Iterator[tuple[int, ...]]:
 def labels(config: dict[str, Any]) -> dict[str, Any]:
     """What tells a cell from others, for rows, tables and titles: method, theta, w_obs, seed, all that was swept."""
     nothing = float("nan")
+    controller = config["controller"]
+    path_cost = controller.get("path_cost")
     found = {
         "controller": config["names"]["controller"],
-        "theta": config["controller"].get("path_cost", {}).get("theta", nothing),
+        "theta": (path_cost if isinstance(path_cost, dict) else controller).get("theta", nothing),
         "w_obs": config["cost"].get("w_obs", nothing),
         "seed": config["seed"],
     }

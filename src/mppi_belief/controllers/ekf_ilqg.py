@@ -24,13 +24,13 @@ class EKFiLQG:
     at_step_end     charge a step for the state it leads to, or else for the one it starts from
     """
 
-    horizon: int = size(30)
-    tolerance: float = number(1e-6, gt=0)
-    max_iterations: int = size(50)
-    damping: float = number(1e-6, gt=0)
-    damping_factor: float = number(4.0, gt=1)
-    damping_max: float = number(1e8, gt=0)
-    at_step_end: bool = choice(True, False)
+    horizon: int = size(default=30)
+    tolerance: float = number(default=1e-6, gt=0)
+    max_iterations: int = size(default=50)
+    damping: float = number(default=1e-6, gt=0)
+    damping_factor: float = number(default=4.0, gt=1)
+    damping_max: float = number(default=1e8, gt=0)
+    at_step_end: bool = choice(True, False, default=True)
 
     def init(self, problem: Problem) -> ilqr.Policy:
         """No control."""

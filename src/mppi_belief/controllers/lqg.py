@@ -22,8 +22,8 @@ class LQG:
     at_step_end  charge a step for the state it leads to, or else for the one it starts from, as the reported cost does
     """
 
-    horizon: int = size(0, ge=0)
-    at_step_end: bool = choice(False, True)
+    horizon: int = size(default=0, ge=0)
+    at_step_end: bool = choice(False, True, default=False)
 
     def init(self, problem: Problem) -> ilqr.Policy:
         """Expand about the uncontrolled mean and solve once; exact if that expansion is."""

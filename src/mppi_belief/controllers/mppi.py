@@ -36,9 +36,9 @@ class MPPI:
             no filter to run along them
     """
 
-    n_samples: int = size(500)  # N
-    horizon: int = size(30)  # H, steps
-    temperature: float = number(1.0, gt=0)  # lambda
+    n_samples: int = size(default=500)  # N
+    horizon: int = size(default=30)  # H, steps
+    temperature: float = number(default=1.0, gt=0)  # lambda
     path_cost: PathCost = RiskSensitive()
     sampler: Sampler = NominalSampler()
     schedule: Schedule = SharedCovariance()

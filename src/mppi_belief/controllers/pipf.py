@@ -93,9 +93,9 @@ class PIPF:
         ValueError: for a sampler other than `NominalSampler`: others plan from one Gaussian
     """
 
-    n_samples: int = size(200)  # L, per particle
-    horizon: int = size(30)  # H, steps
-    temperature: float = number(1.0, gt=0)  # lambda
+    n_samples: int = size(default=200)  # L, per particle
+    horizon: int = size(default=30)  # H, steps
+    temperature: float = number(default=1.0, gt=0)  # lambda
     path_cost: PathCost = CertaintyEquivalent()
     sampler: NominalSampler = NominalSampler()
     combination: Combination = AverageOfParticles()

@@ -59,7 +59,7 @@ def reference_density(
     std: Array | float | None,
     alpha: Array | float | None,
 ) -> ReferenceDensity:
-    """What (19) averages over about a nominal (H, nu), with the settings of `mppi_belief.controllers.MPPIBelief`."""
+    """What (19) averages over about a nominal (H, nu), with the settings of `NominalSampler`."""
     precision = girsanov_weight(problem, temperature, std, 0.0)
     # symmetric: one of them is a multiple of the other or of I
     taken = jnp.linalg.solve(precision, girsanov_weight(problem, temperature, std, alpha))

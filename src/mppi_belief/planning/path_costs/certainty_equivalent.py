@@ -13,9 +13,13 @@ from ...structs import choice, struct
 
 @struct
 class CertaintyEquivalent:
-    """Charges the cost at the belief mean."""
+    """Charges the cost at the belief mean.
 
-    at_step_end: bool = choice(True, False)  # charge mu_{k+1} for step k, or mu_k
+    Fields:
+        at_step_end: charge step k for mu_{k+1}, or else for mu_k
+    """
+
+    at_step_end: bool = choice(True, False, default=True)
 
     def running(self, problem: Problem, mean: Array, cov: Array) -> Array:
         """Returns the cost per second () at a mean (nx,)."""

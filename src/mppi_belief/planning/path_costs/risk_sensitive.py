@@ -17,12 +17,20 @@ from ...structs import choice, number, struct
 
 @struct
 class RiskSensitive:
-    """Charges the expected cost and, in proportion to theta, its variance."""
+    """Charges the expected cost and, in proportion to theta, its variance.
 
-    theta: float = number(0.0, ge=0)  # risk aversion of Remark 4
-    variance_of: str = choice("penalty", "total")  # the obstacle penalty, or all of q as printed
-    expectation: str = choice("exact", "at_mean")  # of the penalty: (3), or its value at the mean
-    at_step_end: bool = choice(True, False)  # charge the belief at t_{k+1} for step k, or at t_k
+    Fields:
+        theta: risk aversion of Remark 4
+        variance_of: the variance is that of the obstacle "penalty", or of the "total" q as printed
+        expectation: of the penalty: "exact" (3), or its value "at_mean", with which theta = 0 is
+            certainty equivalence
+        at_step_end: charge step k for the belief at t_{k+1}, or else for that at t_k
+    """
+
+    theta: float = number(default=0.0, ge=0)
+    variance_of: str = choice("penalty", "total", default="penalty")
+    expectation: str = choice("exact", "at_mean", default="exact")
+    at_step_end: bool = choice(True, False, default=True)
 
     def running(self, problem: Problem, mean: Array, cov: Array) -> Array:
         """Returns q_RS () for a mean (nx,) and a covariance (nx, nx)."""

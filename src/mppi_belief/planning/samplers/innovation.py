@@ -21,9 +21,13 @@ from ..path_integral import control_map, girsanov, girsanov_weight, normals, rol
 
 @struct
 class InnovationSampler:
-    """Draws paths of the belief mean with the innovation diffusion D_k."""
+    """Draws paths of the belief mean with the innovation diffusion D_k.
 
-    antithetic: bool = choice(False, True)  # mirrored pairs: half the normals, less variance
+    Fields:
+        antithetic: draw mirrored pairs: half the normals, less variance
+    """
+
+    antithetic: bool = choice(False, True, default=False)
 
     disturbs_mean: ClassVar[bool] = True
 

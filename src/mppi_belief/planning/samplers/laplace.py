@@ -17,11 +17,17 @@ from ..path_integral import normals, receded
 
 @struct
 class LaplaceSampler:
-    """Draws controls from the policy of the Laplace approximation; fields as in `NominalSampler`."""
+    """Draws controls from the policy of the Laplace approximation.
 
-    control_std: float | None = number(None, gt=0, optional=True)  # None: S_u = lambda R^-1 / dt
-    alpha: float | None = number(None, ge=0, le=1, optional=True)  # None: nominal' R delta dt
-    antithetic: bool = choice(False, True)  # mirrored pairs: half the normals, less variance
+    Fields:
+        control_std: standard deviation of sampled controls; None for S_u = lambda R^-1 / dt
+        alpha: of the Girsanov term; None for nominal' R delta dt, which is alpha = 0 in the exact case
+        antithetic: draw mirrored pairs: half the normals, less variance
+    """
+
+    control_std: float | None = number(default=None, gt=0, optional=True)
+    alpha: float | None = number(default=None, ge=0, le=1, optional=True)
+    antithetic: bool = choice(False, True, default=False)
 
     disturbs_mean: ClassVar[bool] = False
 
@@ -51,7 +57,8 @@ class LaplaceSampler:
         )
 
         def draw(key: Array, n: int) -> DrawnPaths:
-            eps = normals(key, (*nominal.shape, n), self.antithetic)
+            horizon, n_controls = nominal.shape
+            eps = normals(key, (horizon, n_controls, n), self.antithetic)
             second = feedback_policy.about_nominal(n, self.antithetic)
             controls, means, log_density = feedback_policy.feedback_rollouts(
                 problem, schedule.mean[0], (guide, fallback), second, eps

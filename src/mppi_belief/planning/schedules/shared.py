@@ -23,12 +23,15 @@ from ..path_integral import accumulated_costs, rollouts
 
 @struct
 class SharedCovariance:
-    """Plans one covariance per step, shared by all paths."""
+    """Plans one covariance per step, shared by all paths.
 
-    method: str = choice(
-        "filter", "riccati"
-    )  # the filter's own recursion, or (11); `gain_schedule`
-    components: bool = choice(True, False)  # of a mixture: by component, or one of its moments
+    Fields:
+        method: "filter" runs the filter's own recursion, "riccati" solves (11); see `gain_schedule`
+        components: whether a mixture is planned by component, or else by its mean and covariance
+    """
+
+    method: str = choice("filter", "riccati", default="filter")
+    components: bool = choice(True, False, default=True)
 
     def plan(
         self, problem: Problem, path_cost: PathCost, belief: Any, controls: Array

@@ -190,7 +190,7 @@ def independence(problem: Problem, seed: int) -> list[Check]:
     """Neither controls nor measurements matter for the linear system."""
     rng = np.random.default_rng(seed)
     planned = under_controls(problem, jnp.asarray(rng.normal(size=(REPEATS, STEPS, 1)) * 5))
-    run = partial(simulate_trial, problem, EKF(), LQG(0, "start"), seed)
+    run = partial(simulate_trial, problem, EKF(), LQG(0, at_step_end=False), seed)
     looped = jax.jit(lambda numbers: jax.lax.map(run, numbers))(jnp.arange(REPEATS)).beliefs.cov
     bits = sum(
         differing(np.asarray(part))

@@ -14,24 +14,29 @@ from mppi_belief.belief import cost as belief_cost
 from mppi_belief.belief.prior import prior
 from mppi_belief.belief.schedule import gain_schedule
 from mppi_belief.planning import path_integral
-from mppi_belief.planning.path_integral import PlanInfo
+from mppi_belief.planning.parts import PlanInfo
 
 KEY = jax.random.key(7)
 # one shape for nearly all tests, so that they share what has been compiled
-SMALL = mb.MPPIBelief(
-    n_samples=32, horizon=6, control_std=1.0, temperature=30.0, theta=0.7, antithetic=True
+SMALL = mb.MPPI(
+    n_samples=32,
+    horizon=6,
+    temperature=30.0,
+    path_cost=mb.RiskSensitive(theta=0.7),
+    sampler=mb.NominalSampler(control_std=1.0, antithetic=True),
 )
+CERTAIN = replace(SMALL, path_cost=mb.CertaintyEquivalent())
 
 
 @quick_jit
 def act_on(
-    problem: mb.Problem, controller: mb.MPPIBelief, plan: Array, key: Array
+    problem: mb.Problem, controller: mb.MPPI, plan: Array, key: Array
 ) -> tuple[Array, Array, PlanInfo]:
     return controller.act(problem, prior(problem), plan, key)
 
 
 def act(
-    controller: mb.MPPIBelief, problem: mb.Problem, plan: Array | None = None, key: Array = KEY
+    controller: mb.MPPI, problem: mb.Problem, plan: Array | None = None, key: Array = KEY
 ) -> tuple[Array, Array, PlanInfo]:
     """One step from the prior, on the zero nominal unless another is given."""
     return act_on(
@@ -42,36 +47,33 @@ def act(
 def test_certainty_equivalence_is_belief_planning_with_nothing_uncertain(x64):
     near = {"prior_mean": [2.3, 0.8, 0.5, 0]}
     certain = light_dark_problem(system={"process_noise": 0}, prior_std=[0, 0, 0, 0], **near)
-    belief, mean = (act(replace(SMALL, evaluate=e, theta=0.0), certain) for e in ("belief", "mean"))
+    neutral = replace(SMALL, path_cost=mb.RiskSensitive())
+    belief, mean = (act(controller, certain) for controller in (neutral, CERTAIN))
     np.testing.assert_allclose(belief[0], mean[0], rtol=1e-10)
     np.testing.assert_allclose(belief[2].ess, mean[2].ess, rtol=1e-10)
     # where something is uncertain, they part
-    belief, mean = (
-        act(replace(SMALL, evaluate=e, theta=0.0), light_dark_problem(**near))
-        for e in ("belief", "mean")
-    )
+    uncertain = light_dark_problem(**near)
+    belief, mean = (act(controller, uncertain) for controller in (neutral, CERTAIN))
     assert np.abs(belief[0] - mean[0]).max() > 1e-3
 
 
-def test_certainty_equivalence_ignores_theta(light_dark, x64):
-    controller = replace(SMALL, evaluate="mean")
-    np.testing.assert_array_equal(
-        act(controller, light_dark)[0], act(replace(controller, theta=5.0), light_dark)[0]
-    )
+def test_certainty_equivalence_has_no_theta():
+    with pytest.raises(TypeError, match="theta"):
+        mb.CertaintyEquivalent(theta=5.0)
 
 
 def test_one_trace_serves_every_theta_temperature_and_weight():
     traces = []
 
     @quick_jit
-    def step(problem: mb.Problem, controller: mb.MPPIBelief) -> Array:
+    def step(problem: mb.Problem, controller: mb.MPPI) -> Array:
         traces.append(controller)
         return controller.act(problem, prior(problem), controller.init(problem), KEY)[0]
 
     controls = [
         step(
             light_dark_problem(cost={"w_obs": w_obs}),
-            mb.MPPIBelief(16, 5, 10 * theta + 1, 2.75, theta=theta),
+            mb.MPPI(16, 5, 10 * theta + 1, mb.RiskSensitive(theta), mb.NominalSampler(2.75)),
         )
         for theta, w_obs in ((0.0, 100), (0.5, 500), (5.0, 1e4))
     ]
@@ -83,13 +85,14 @@ def test_diagnostics(light_dark, x64, rng):
     nominal = rng.normal(size=(6, 2))
     running_moments = quick_jit(belief_cost.running_moments)
     schedule = quick_jit(gain_schedule)(light_dark, prior(light_dark), jnp.asarray(nominal))
-    for charge in ("start", "end"):
-        _, _, info = act(replace(SMALL, charge=charge), light_dark, nominal)
+    for at_step_end in (False, True):
+        path_cost = mb.RiskSensitive(theta=0.7, at_step_end=at_step_end)
+        _, _, info = act(replace(SMALL, path_cost=path_cost), light_dark, nominal)
         np.testing.assert_allclose(info.planned_cov, schedule.cov, atol=1e-14)
         assert info.planned_cov.shape == (7, 4, 4)
         assert 1 <= info.ess <= 32
         total = light_dark.cost.terminal_mean(schedule.mean[6], schedule.cov[6])
-        for k in range(6) if charge == "start" else range(1, 7):
+        for k in range(1, 7) if at_step_end else range(6):
             m = running_moments(light_dark, schedule.mean[k], schedule.cov[k])
             total += (m.base + m.penalty + 0.35 * m.penalty_var) * 0.1
         np.testing.assert_allclose(info.nominal_cost, total, rtol=1e-12)
@@ -105,9 +108,9 @@ def test_the_plan_is_the_improved_nominal_moved_up_by_one_step(light_dark, x64, 
 
 
 def test_at_zero_temperature_the_best_sample_is_taken(light_dark, x64):
-    controller = replace(SMALL, temperature=1e-6, evaluate="mean")
+    controller = replace(CERTAIN, temperature=1e-6)
     u, _, info = act(controller, light_dark)
-    samples = jnp.moveaxis(SMALL._normals(KEY, 2, SMALL.n_samples), -1, 0)
+    samples = jnp.moveaxis(path_integral.normals(KEY, (6, 2, 32), True), -1, 0)
     # each sample's cost is that of the nominal which it would be
     best = np.argmin([act(controller, light_dark, sample)[2].nominal_cost for sample in samples])
     np.testing.assert_allclose(u, samples[best, 0], rtol=1e-9)
@@ -116,8 +119,7 @@ def test_at_zero_temperature_the_best_sample_is_taken(light_dark, x64):
 
 @pytest.mark.parametrize("count", [7, 8])
 def test_antithetic_normals_are_mirrored_for_even_and_odd_counts(count):
-    controller = mb.MPPIBelief(n_samples=count, horizon=3, antithetic=True)
-    normals = controller._normals(KEY, 2, count)
+    normals = path_integral.normals(KEY, (3, 2, count), antithetic=True)
     half = (count + 1) // 2
     assert normals.shape == (3, 2, count)
     np.testing.assert_array_equal(normals[..., half:], -normals[..., : count - half])
@@ -144,21 +146,20 @@ def test_mirrored_samples_leave_a_symmetric_problem_alone(x64):
 def test_blocks_of_samples_are_weighted_as_if_they_were_one(count, light_dark, x64, monkeypatch):
     """Against all samples of the same keys put together, with and without surplus samples in the last block."""
     monkeypatch.setattr(path_integral, "BLOCK", 10)
-    controller = replace(SMALL, n_samples=count, antithetic=False)
+    controller = replace(SMALL, n_samples=count, sampler=mb.NominalSampler(control_std=1.0))
     problem, plan = light_dark, jnp.full((6, 2), 0.3)
     u, _, info = quick_jit(controller.act)(
         problem, prior(problem), plan, KEY
     )  # not act_on: it knows another BLOCK
     increments = jnp.concatenate(
-        [controller._normals(key, 2, 8) for key in jax.random.split(KEY, 3)], -1
+        [path_integral.normals(key, (6, 2, 8), False) for key in jax.random.split(KEY, 3)], -1
     )[..., :count]
 
     @quick_jit
     def all_at_once(problem: mb.Problem, increments: Array) -> tuple[Array, Array]:
-        schedule = gain_schedule(problem, prior(problem), plan)
-        means = path_integral.rollouts(problem, prior(problem).mean, plan[:, :, None] + increments)
-        correction = path_integral.girsanov(plan, increments, problem.cost.R * problem.dt)
-        costs = controller._costs(problem, prior(problem).mean, means, schedule.cov) + correction
+        planned = controller.schedule.plan(problem, controller.path_cost, prior(problem), plan)
+        costs, means = planned.costs(plan[:, :, None] + increments, None)
+        costs += path_integral.girsanov(plan, increments, problem.cost.R * problem.dt)
         return means, path_integral.weights(costs, controller.temperature)
 
     means, w = all_at_once(problem, increments)
@@ -169,12 +170,19 @@ def test_blocks_of_samples_are_weighted_as_if_they_were_one(count, light_dark, x
 
 
 def test_innovation_samples_have_the_covariance_of_the_diffusion(light_dark, x64):
-    controller = mb.MPPIBelief(n_samples=5000, horizon=3, diffusion="innovation", antithetic=False)
-
     @quick_jit
-    def sample(problem: mb.Problem) -> tuple[Array, Array | None, Array]:
-        schedule = gain_schedule(problem, prior(problem), controller.init(problem))
-        return *controller._sample(problem, schedule, KEY, controller.n_samples), schedule.diffusion
+    def sample(problem: mb.Problem) -> tuple[Array, Array, Array]:
+        nominal = jnp.zeros((3, 2))
+        path_cost = mb.RiskSensitive()
+        planned = mb.SharedCovariance().plan(problem, path_cost, prior(problem), nominal)
+        draw = mb.InnovationSampler().prepare(problem, path_cost, planned, nominal, 1.0)
+        increments, means, _ = draw(KEY, 5000)
+        start = jnp.broadcast_to(planned.schedule.mean[0][:, None], means.shape[1:])
+        before = jnp.concatenate([start[None], means[:-1]])
+        undisturbed = jax.vmap(
+            lambda mean: path_integral.rollouts(problem, mean, jnp.zeros((1, 2, 5000)))[0]
+        )
+        return increments, means - undisturbed(before), planned.schedule.diffusion
 
     increments, disturbance, diffusion = sample(light_dark)
     for k in range(3):
@@ -190,21 +198,31 @@ def test_the_same_key_gives_the_same_control_and_another_one_another(light_dark,
 
 
 @pytest.mark.parametrize(
-    ("field", "value"),
+    ("part", "field", "value"),
     [
-        ("n_samples", 0),
-        ("horizon", 0),
-        ("temperature", 0),
-        ("control_std", 0),
-        ("alpha", 1.5),
-        ("theta", -1),
-        ("diffusion", "process"),
-        ("evaluate", "median"),
-        ("risk", "none"),
-        ("charge", "middle"),
-        ("schedule", "none"),
+        (mb.MPPI, "n_samples", 0),
+        (mb.MPPI, "horizon", 0),
+        (mb.MPPI, "temperature", 0),
+        (mb.MPPI, "sampler", "laplace"),
+        (mb.MPPI, "path_cost", "mean"),
+        (mb.MPPI, "schedule", "riccati"),
+        (mb.NominalSampler, "control_std", 0),
+        (mb.NominalSampler, "alpha", 1.5),
+        (mb.LaplaceSampler, "alpha", -0.5),
+        (mb.RiskSensitive, "theta", -1),
+        (mb.RiskSensitive, "variance_of", "none"),
+        (mb.RiskSensitive, "expectation", "median"),
+        (mb.RiskSensitive, "at_step_end", "middle"),
+        (mb.CertaintyEquivalent, "at_step_end", "middle"),
+        (mb.SharedCovariance, "method", "none"),
+        (mb.SharedCovariance, "components", "none"),
     ],
 )
-def test_settings_without_meaning_are_refused(field, value):
+def test_settings_without_meaning_are_refused(part, field, value):
     with pytest.raises(ValueError, match=field):
-        mb.MPPIBelief(**{field: value})
+        part(**{field: value})
+
+
+def test_paths_that_no_control_leads_along_have_no_covariance_of_their_own():
+    with pytest.raises(ValueError, match=r"PerPathCovariance .* InnovationSampler"):
+        mb.MPPI(sampler=mb.InnovationSampler(), schedule=mb.PerPathCovariance())

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -15,18 +14,18 @@ from helpers import light_dark_problem, quick_jit
 from linear_system import lqr, random_problem
 from mppi_belief.belief.prior import prior, prior_mixture
 from mppi_belief.numerics.normals import standard_normal
+from mppi_belief.planning import feedback_policy
 from mppi_belief.planning import path_integral as pi
-from mppi_belief.planning import samplers as proposals
 from mppi_belief.planning.ilqr import charge_weights
 
 STD, TEMPERATURE, HORIZON, N = 1.5, 2.0, 6, 4000
-SETTINGS = {"temperature": TEMPERATURE, "control_std": STD}
-PLANNER = mb.MPPIBelief(n_samples=N, horizon=HORIZON, theta=0.7, **SETTINGS)
+PLANNER = mb.MPPI(N, HORIZON, TEMPERATURE, mb.RiskSensitive(0.7), mb.NominalSampler(STD))
+GUIDED = replace(PLANNER, sampler=mb.LaplaceSampler(STD))
 
 
 @quick_jit
 def act_on(
-    problem: mb.Problem, controller: mb.MPPIBelief, plan: Array, keys: Array
+    problem: mb.Problem, controller: mb.MPPI, plan: Array, keys: Array
 ) -> tuple[Array, Array]:
     """First controls (K, nu) and effective sample sizes (K,) for K keys."""
 
@@ -38,17 +37,25 @@ def act_on(
 
 
 def sampled(
-    problem: mb.Problem, policies: tuple, aim: proposals.Reference, second: np.ndarray, key: Array
+    problem: mb.Problem,
+    policies: tuple,
+    aim: feedback_policy.ReferenceDensity,
+    second: np.ndarray,
+    key: Array,
 ) -> tuple[Array, Array, Array]:
     """Normals and controls (H, nu, N) of two policies, and what their path costs are raised by (N,)."""
 
     @quick_jit
     def program(problem, policies, aim, key):
         eps = standard_normal(key, (HORIZON, 2, N))
-        controls, _, density = proposals.rollouts(
+        controls, _, density = feedback_policy.feedback_rollouts(
             problem, jnp.asarray(problem.prior_mean), policies, second, eps
         )
-        return eps, controls, proposals.correction(aim, TEMPERATURE, controls, density)
+        return (
+            eps,
+            controls,
+            feedback_policy.density_correction(aim, TEMPERATURE, controls, density),
+        )
 
     return program(problem, policies, aim, key)
 
@@ -68,26 +75,27 @@ def plan(rng) -> np.ndarray:
 def test_of_a_linear_problem_with_quadratic_costs_all_paths_weigh_the_same(
     control_std, monkeypatch, x64, rng, plan
 ):
-    monkeypatch.setattr(proposals, "about_nominal", lambda n, mirrored: np.zeros(n, bool))
+    monkeypatch.setattr(feedback_policy, "about_nominal", lambda n, mirrored: np.zeros(n, bool))
     problem, keys = random_problem(rng, steps=HORIZON), jax.random.split(jax.random.key(0), 1)
-    planner = mb.MPPIBelief(64, HORIZON, TEMPERATURE, control_std, proposal="laplace")
+    planner = mb.MPPI(64, HORIZON, TEMPERATURE, sampler=mb.LaplaceSampler(control_std))
+    plain = replace(planner, sampler=mb.NominalSampler(control_std))
     np.testing.assert_allclose(act_on(problem, planner, plan, keys)[1], 64, rtol=1e-9)
-    assert act_on(problem, replace(planner, proposal="nominal"), plan, keys)[1] < 0.8 * 64
+    assert act_on(problem, plain, plan, keys)[1] < 0.8 * 64
 
 
 def test_of_a_linear_problem_the_matched_policy_is_that_of_lqr(monkeypatch, x64, rng, plan):
-    monkeypatch.setattr(proposals, "about_nominal", lambda n, mirrored: np.zeros(n, bool))
+    monkeypatch.setattr(feedback_policy, "about_nominal", lambda n, mirrored: np.zeros(n, bool))
     problem = random_problem(rng, steps=HORIZON)
-    planner = mb.MPPIBelief(2, HORIZON, TEMPERATURE, antithetic=True, proposal="laplace")
+    planner = mb.MPPI(2, HORIZON, TEMPERATURE, sampler=mb.LaplaceSampler(antithetic=True))
     (u,), _ = act_on(problem, planner, plan, jax.random.split(jax.random.key(0), 1))
-    best = lqr(problem, np.asarray(problem.prior_mean), np.asarray(charge_weights(HORIZON, "end")))
+    best = lqr(problem, np.asarray(problem.prior_mean), np.asarray(charge_weights(HORIZON, True)))
     np.testing.assert_allclose(
         u, best[0], rtol=1e-8
     )  # a mirrored pair: the mean of the policy itself
 
 
 def test_a_fifth_is_drawn_about_the_nominal_mirrored_pairs_together():
-    assert [proposals.about_nominal(n, False).sum() for n in (1, 2, 5, 6, 20, 500)] == [
+    assert [feedback_policy.about_nominal(n, False).sum() for n in (1, 2, 5, 6, 20, 500)] == [
         1,
         1,
         1,
@@ -95,16 +103,16 @@ def test_a_fifth_is_drawn_about_the_nominal_mirrored_pairs_together():
         4,
         100,
     ]
-    assert not proposals.about_nominal(2, False)[1]
+    assert not feedback_policy.about_nominal(2, False)[1]
     for n in (2, 19, 20, 500):
-        half, chosen = (n + 1) // 2, proposals.about_nominal(n, True)
+        half, chosen = (n + 1) // 2, feedback_policy.about_nominal(n, True)
         np.testing.assert_array_equal(chosen[half:], chosen[: n - half])
         assert chosen[:half].sum() == -(-half // 5)
 
 
 def test_of_a_linear_problem_the_fifth_about_the_nominal_is_what_is_lost(x64, rng, plan):
     problem, keys = random_problem(rng, steps=HORIZON), jax.random.split(jax.random.key(0), 1)
-    planner = mb.MPPIBelief(400, HORIZON, TEMPERATURE, 4 * STD, proposal="laplace")
+    planner = mb.MPPI(400, HORIZON, TEMPERATURE, sampler=mb.LaplaceSampler(4 * STD))
     (ess,) = act_on(problem, planner, plan, keys)[1]
     assert 0.8 * 400 - 5 < ess <= 400
 
@@ -115,15 +123,15 @@ def test_an_expansion_that_leads_far_astray_costs_no_more_than_its_samples(monke
     def astray(cost, problem, means, aim, temperature, fallback):
         return fallback._replace(controls=fallback.controls + 50.0)
 
-    monkeypatch.setattr(proposals, "laplace", astray)
+    monkeypatch.setattr(feedback_policy, "laplace_policy", astray)
     problem, keys = near_an_obstacle(), jax.random.split(jax.random.key(4), 60)
     many = (
         N - 10
     )  # another number than in other tests, for which a program without this patch is kept
-    guided = act_on(problem, replace(PLANNER, n_samples=many, proposal="laplace"), plan, keys)
+    guided = act_on(problem, replace(GUIDED, n_samples=many), plan, keys)
     own = act_on(
         problem,
-        replace(PLANNER, n_samples=int(proposals.about_nominal(many, False).sum())),
+        replace(PLANNER, n_samples=int(feedback_policy.about_nominal(many, False).sum())),
         plan,
         keys,
     )
@@ -133,20 +141,25 @@ def test_an_expansion_that_leads_far_astray_costs_no_more_than_its_samples(monke
 
 
 OPTIONS = [
-    {},
-    {"evaluate": "mean", "alpha": 0.3},
-    {"charge": "start", "risk": "total", "antithetic": True},
+    (mb.RiskSensitive(0.7), {}),
+    (mb.CertaintyEquivalent(), {"alpha": 0.3}),
+    (mb.RiskSensitive(0.7, "total", at_step_end=False), {"antithetic": True}),
 ]
 
 
-@pytest.mark.parametrize("options", OPTIONS)
+@pytest.mark.parametrize(("path_cost", "options"), OPTIONS)
 def test_the_limit_of_many_samples_is_that_about_the_nominal_and_is_reached_with_fewer(
-    options, x64, plan
+    path_cost, options, x64, plan
 ):
     problem, keys = near_an_obstacle(), jax.random.split(jax.random.key(1), 60)
-    planner = replace(PLANNER, **options)
     plain, guided = (
-        act_on(problem, replace(planner, proposal=p), plan, keys) for p in ("nominal", "laplace")
+        act_on(
+            problem,
+            replace(PLANNER, path_cost=path_cost, sampler=sampler(STD, **options)),
+            plan,
+            keys,
+        )
+        for sampler in (mb.NominalSampler, mb.LaplaceSampler)
     )
     errors = [u.std(axis=0) / np.sqrt(len(keys)) for u, _ in (plain, guided)]
     gap = np.abs(plain[0].mean(axis=0) - guided[0].mean(axis=0))
@@ -160,9 +173,9 @@ def test_about_the_nominal_with_its_own_covariance_it_is_the_term_of_the_nominal
     std, alpha, x64, plan
 ):
     problem = near_an_obstacle()
-    aim = proposals.reference(problem, jnp.asarray(plan), TEMPERATURE, std, alpha)
-    policy = proposals.plain(problem, jnp.asarray(plan), TEMPERATURE, std)
-    second = proposals.about_nominal(N, False)
+    aim = feedback_policy.reference_density(problem, jnp.asarray(plan), TEMPERATURE, std, alpha)
+    policy = feedback_policy.nominal_policy(problem, jnp.asarray(plan), TEMPERATURE, std)
+    second = feedback_policy.about_nominal(N, False)
     eps, controls, correction = sampled(problem, (policy, policy), aim, second, jax.random.key(2))
     increments = pi.matched_increments(problem, eps, TEMPERATURE, std)
     np.testing.assert_allclose(controls - plan[:, :, None], increments, atol=1e-12)
@@ -175,7 +188,7 @@ def test_a_weight_above_the_exact_one_does_not_push_away_from_the_nominal(x64, p
     problem = light_dark_problem(
         cost={"control_weight": [1.0, 100.0]}
     )  # R dt std^2 / lambda: 0.1125 and 11.25
-    aim = proposals.reference(problem, jnp.asarray(plan), TEMPERATURE, STD, None)
+    aim = feedback_policy.reference_density(problem, jnp.asarray(plan), TEMPERATURE, STD, None)
     np.testing.assert_allclose(aim.centre, plan * [1 - 0.1125, 0], rtol=1e-9, atol=1e-12)
 
 
@@ -183,9 +196,11 @@ def test_a_weight_above_the_exact_one_does_not_push_away_from_the_nominal(x64, p
 def test_the_ratio_of_densities_of_policies_with_feedback_has_mean_one(second, x64, rng, plan):
     """With the constants that the weights leave out; the ratio's mean is one for any policies."""
     problem = near_an_obstacle()
-    aim = proposals.Reference(0.3 * jnp.asarray(plan), TEMPERATURE / STD**2 * jnp.eye(2))
+    aim = feedback_policy.ReferenceDensity(
+        0.3 * jnp.asarray(plan), TEMPERATURE / STD**2 * jnp.eye(2)
+    )
     factors = STD * (0.9 * np.eye(2) + 0.05 * np.tril(rng.normal(size=(HORIZON, 2, 2))))
-    policy = proposals.Proposal(
+    policy = feedback_policy.FeedbackPolicy(
         rng.normal(size=(HORIZON, 4)), 0.2 * plan, 0.02 * rng.normal(size=(HORIZON, 2, 4)), factors
     )
     wide = policy._replace(controls=-plan, factors=1.2 * factors)
@@ -197,17 +212,21 @@ def test_the_ratio_of_densities_of_policies_with_feedback_has_mean_one(second, x
 
 
 @pytest.fixture
-def expanded(plan) -> Callable[..., tuple[proposals.Proposal, proposals.Proposal]]:
+def expanded(
+    plan,
+) -> Callable[..., tuple[feedback_policy.FeedbackPolicy, feedback_policy.FeedbackPolicy]]:
     """The Laplace policy for a cost of (x, k) about means that move on by one at each step, and the nominal's."""
 
     def make(
         cost: Callable[[Array, Array], Array],
-    ) -> tuple[proposals.Proposal, proposals.Proposal]:
+    ) -> tuple[feedback_policy.FeedbackPolicy, feedback_policy.FeedbackPolicy]:
         problem = near_an_obstacle()
-        aim = proposals.reference(problem, jnp.asarray(plan), TEMPERATURE, STD, None)
+        aim = feedback_policy.reference_density(problem, jnp.asarray(plan), TEMPERATURE, STD, None)
         means = jnp.ones((HORIZON + 1, 4)) * jnp.arange(HORIZON + 1)[:, None]
-        fallback = proposals.plain(problem, jnp.asarray(plan), TEMPERATURE, STD)
-        return proposals.laplace(cost, problem, means, aim, TEMPERATURE, fallback), fallback
+        fallback = feedback_policy.nominal_policy(problem, jnp.asarray(plan), TEMPERATURE, STD)
+        return feedback_policy.laplace_policy(
+            cost, problem, means, aim, TEMPERATURE, fallback
+        ), fallback
 
     return make
 
@@ -226,18 +245,31 @@ def test_a_state_without_finite_derivatives_counts_as_if_it_cost_nothing(x64, ex
         np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-6)
 
 
-def test_it_plans_from_one_gaussian_through_the_control_and_says_so():
-    problem = light_dark_problem(prior_modes=np.array([[0, 1, 0, 0], [0, -1, 0, 0]]))
-    planner = replace(PLANNER, proposal="laplace", n_samples=8)
+MODES = [[0.0, 0.3, 0.0, 0.0], [0.0, -0.6, 0.0, 0.0]]
+ELSEWHERE = {
+    "a mixture, by component": (prior_mixture, mb.SharedCovariance()),
+    "a mixture, by its moments": (prior_mixture, mb.SharedCovariance(components=False)),
+    "a covariance per path": (prior, mb.PerPathCovariance()),
+}
 
-    def plans(planner: mb.MPPIBelief, belief: Any) -> tuple[int, ...]:
-        traced = jax.eval_shape(
-            planner.act, problem, belief, planner.init(problem), jax.random.key(0)
-        )
-        return traced[0].shape
 
-    with pytest.raises(ValueError, match=r"proposal=laplace .* diffusion=matched"):
-        plans(replace(planner, diffusion="innovation"), prior(problem))
-    with pytest.raises(ValueError, match=r"proposal=laplace .* plan_from=moments"):
-        plans(planner, prior_mixture(problem))
-    assert plans(replace(planner, plan_from="moments"), prior_mixture(problem)) == (2,)
+@pytest.mark.parametrize("case", ELSEWHERE)
+def test_the_limit_is_the_same_with_every_schedule(case, x64, plan):
+    """The policy is that of one Gaussian with a shared covariance; costs and weights are the planner's own."""
+    problem = replace(near_an_obstacle(), prior_modes=np.array(MODES))
+    keys = jax.random.split(jax.random.key(5), 40)
+    belief, schedule = ELSEWHERE[case]
+
+    @quick_jit
+    def controls(planner: mb.MPPI) -> tuple[Array, Array]:
+        def one(key: Array) -> tuple[Array, Array]:
+            u, _, info = planner.act(problem, belief(problem), jnp.asarray(plan), key)
+            return u, info.ess
+
+        return jax.lax.map(one, keys)
+
+    plain, guided = (controls(replace(p, schedule=schedule)) for p in (PLANNER, GUIDED))
+    errors = [u.std(axis=0) / np.sqrt(len(keys)) for u, _ in (plain, guided)]
+    gap = np.abs(plain[0].mean(axis=0) - guided[0].mean(axis=0))
+    assert np.all(gap < 4 * np.hypot(*errors)), (gap, errors)
+    assert guided[1].mean() > plain[1].mean()

@@ -18,15 +18,17 @@ from helpers import SIGMAS, Scalar, assert_mean, quick_jit
 from mppi_belief.belief.prior import prior
 
 KEYS, SAMPLES = 200, 6000
-INNOVATION = {"diffusion": "innovation", "schedule": "riccati", "antithetic": False}
-MATCHED = {"diffusion": "matched", "control_std": None, "antithetic": True}
+INNOVATION = {"sampler": mb.InnovationSampler(), "schedule": mb.SharedCovariance("riccati")}
+MATCHED = {"sampler": mb.NominalSampler(antithetic=True)}
+PLAIN = {"sampler": mb.NominalSampler()}
 
 
-def controller(s: Scalar, n_samples: int, horizon: int, **options) -> mb.MPPIBelief:
-    return mb.MPPIBelief(n_samples, horizon, s.temperature, charge="start", **options)
+def controller(s: Scalar, n_samples: int, horizon: int, **parts) -> mb.MPPI:
+    path_cost = mb.RiskSensitive(at_step_end=False)
+    return mb.MPPI(n_samples, horizon, s.temperature, path_cost, **parts)
 
 
-def controls(problem: mb.Problem, planner: mb.MPPIBelief, nominal: Array, keys: Array) -> Array:
+def controls(problem: mb.Problem, planner: mb.MPPI, nominal: Array, keys: Array) -> Array:
     """First controls (K,) for independent keys (K,)."""
     return jax.lax.map(
         lambda key: planner.act(problem, prior(problem), nominal, key)[0][0], keys, batch_size=50
@@ -38,7 +40,9 @@ optimised, quick = jax.jit(controls), quick_jit(controls)  # much to compute, or
 
 def sample(s: Scalar, keys: int, horizon: int = 10, slope: float = 0.0, **options) -> np.ndarray:
     """The same ones, which several tests ask for, are drawn once."""
-    return drawn(s, keys, horizon, slope, tuple(sorted(options.items())))
+    return drawn(
+        s, keys, horizon, slope, tuple(sorted(options.items(), key=lambda option: option[0]))
+    )
 
 
 @cache
@@ -70,7 +74,7 @@ def continuous(s: Scalar) -> float:
         (MATCHED, 0.0),
         # about any nominal, the Girsanov term brings back the same control
         (MATCHED, -1.5),
-        (MATCHED | {"antithetic": False}, 1.0),
+        (PLAIN, 1.0),
     ],
 )
 def test_the_control_is_the_exact_expectation(options, slope, scalar, x64):
@@ -80,8 +84,7 @@ def test_the_control_is_the_exact_expectation(options, slope, scalar, x64):
 
 def test_innovation_and_matched_sampling_are_then_the_same(scalar, x64):
     innovation, matched = (
-        sample(scalar, KEYS, n_samples=SAMPLES, **options)
-        for options in (INNOVATION, MATCHED | {"antithetic": False})
+        sample(scalar, KEYS, n_samples=SAMPLES, **options) for options in (INNOVATION, PLAIN)
     )
     # the factor of a scalar D is its root, so even the samples are the same
     np.testing.assert_allclose(innovation, matched, rtol=1e-8)
@@ -96,9 +99,7 @@ def test_a_wrong_nominal_without_its_girsanov_term_would_show(scalar, x64):
             KEYS,
             n_samples=SAMPLES,
             slope=-1.5,
-            control_std=deviation,
-            alpha=alpha,
-            antithetic=True,
+            sampler=mb.NominalSampler(deviation, alpha, antithetic=True),
         )
         for alpha in (0.0, 1.0)
     )
