@@ -129,7 +129,7 @@ def test_a_full_weight_is_reordered_on_both_axes(x64, rng):
 
 def test_the_order_of_the_state_changes_no_trial(x64):
     run = jax.jit(mb.simulate_trial)
-    planner = mb.MPPIBelief(n_samples=32, horizon=6, control_std=2.75)
+    planner = mb.MPPI(n_samples=32, horizon=6, sampler=mb.NominalSampler(control_std=2.75))
     problem = light_dark_problem(steps=10, prior_std=np.zeros(4))
     other = replace(velocity_first(), steps=10, prior_std=np.zeros(4))
     assert isinstance(other.system, System)
