@@ -114,7 +114,9 @@ def test_without_risk_aversion_the_expectation_is_left(light_dark, x64, rng):
     m = running_moments(light_dark, MEAN, cov)
     for risk in ("penalty", "total"):
         np.testing.assert_allclose(
-            risk_sensitive(light_dark, MEAN, cov, 0.0, variance_of=risk), m.base + m.penalty, rtol=1e-13
+            risk_sensitive(light_dark, MEAN, cov, 0.0, variance_of=risk),
+            m.base + m.penalty,
+            rtol=1e-13,
         )
 
 
@@ -123,7 +125,8 @@ def test_risk_sensitive_cost_is_remark_4(light_dark, x64, rng):
     m = running_moments(light_dark, MEAN, cov)
     for theta in (0.5, 1.0, 5.0):
         penalty, total = (
-            risk_sensitive(light_dark, MEAN, cov, theta, variance_of=risk) for risk in ("penalty", "total")
+            risk_sensitive(light_dark, MEAN, cov, theta, variance_of=risk)
+            for risk in ("penalty", "total")
         )
         mean = m.base + m.penalty
         np.testing.assert_allclose(penalty, mean + theta / 2 * m.penalty_var, rtol=1e-13)
@@ -159,7 +162,9 @@ def test_without_risk_aversion_paths_differ_by_their_cost_at_the_mean(light_dark
         totals = [
             sum(
                 float(
-                    risk_sensitive(light_dark, x, cov, 0.0, variance_of="penalty", expectation=expectation)
+                    risk_sensitive(
+                        light_dark, x, cov, 0.0, variance_of="penalty", expectation=expectation
+                    )
                 )
                 for x, cov in steps
             )

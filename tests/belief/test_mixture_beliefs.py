@@ -73,9 +73,7 @@ def covs_of(belief: MixtureBelief) -> Array:
 def charged(problem: mb.Problem, means: Any, covs: Any) -> Array:
     """q_RS of the mixture at one instant."""
     at = (WEIGHTS, jnp.stack(means), jnp.stack(covs))
-    return mixture_risk_sensitive(
-        problem, *at, THETA, variance_of="penalty", expectation="exact"
-    )
+    return mixture_risk_sensitive(problem, *at, THETA, variance_of="penalty", expectation="exact")
 
 
 def test_moments_are_those_of_the_whole(x64, rng):

@@ -28,7 +28,6 @@ from scipy.linalg import solve_discrete_are
 from ..controllers import MPPI
 from ..costs import GoalObstacleCost
 from ..filters import EKF
-from ..obstacles import Obstacles
 from ..planning.path_costs import RiskSensitive
 from ..planning.samplers import InnovationSampler
 from ..planning.schedules import SharedCovariance

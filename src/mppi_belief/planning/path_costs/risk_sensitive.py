@@ -34,9 +34,7 @@ class RiskSensitive:
 
     def running(self, problem: Problem, mean: Array, cov: Array) -> Array:
         """Returns q_RS () for a mean (nx,) and a covariance (nx, nx)."""
-        return risk_sensitive(
-            problem, mean, cov, self.theta, self.variance_of, self.expectation
-        )
+        return risk_sensitive(problem, mean, cov, self.theta, self.variance_of, self.expectation)
 
     def terminal(self, problem: Problem, mean: Array, cov: Array) -> Array:
         """Returns the expected terminal cost () for a mean (nx,) and a covariance (nx, nx)."""
