@@ -12,7 +12,9 @@ from mppi_belief.belief import cost as belief_cost
 from mppi_belief.problem import ClosedFormCost, Cost
 
 MEAN = np.array([2.5, 0.6, 0.3, -0.2])
-risk_sensitive = quick_jit(belief_cost.risk_sensitive, static_argnames=("variance_of", "expectation"))
+risk_sensitive = quick_jit(
+    belief_cost.risk_sensitive, static_argnames=("variance_of", "expectation")
+)
 running_moments = quick_jit(belief_cost.running_moments)
 
 

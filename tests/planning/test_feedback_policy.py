@@ -39,25 +39,25 @@ def act_on(
 def sampled(
     problem: mb.Problem,
     policies: tuple,
-    aim: feedback_policy.ReferenceDensity,
+    reference: feedback_policy.ReferenceDensity,
     second: np.ndarray,
     key: Array,
 ) -> tuple[Array, Array, Array]:
     """Normals and controls (H, nu, N) of two policies, and what their path costs are raised by (N,)."""
 
     @quick_jit
-    def program(problem, policies, aim, key):
+    def program(problem, policies, reference, key):
         eps = standard_normal(key, (HORIZON, 2, N))
-        controls, _, density = feedback_policy.feedback_rollouts(
+        controls, _, log_density = feedback_policy.feedback_rollouts(
             problem, jnp.asarray(problem.prior_mean), policies, second, eps
         )
         return (
             eps,
             controls,
-            feedback_policy.density_correction(aim, TEMPERATURE, controls, density),
+            feedback_policy.density_correction(reference, TEMPERATURE, controls, log_density),
         )
 
-    return program(problem, policies, aim, key)
+    return program(problem, policies, reference, key)
 
 
 def near_an_obstacle() -> mb.Problem:
@@ -120,7 +120,7 @@ def test_of_a_linear_problem_the_fifth_about_the_nominal_is_what_is_lost(x64, rn
 def test_an_expansion_that_leads_far_astray_costs_no_more_than_its_samples(monkeypatch, x64, plan):
     """A policy in whose samples nothing is right: the others decide, as if there were only they."""
 
-    def astray(cost, problem, means, aim, temperature, fallback):
+    def astray(cost, problem, means, reference, temperature, fallback):
         return fallback._replace(controls=fallback.controls + 50.0)
 
     monkeypatch.setattr(feedback_policy, "laplace_policy", astray)
@@ -173,10 +173,14 @@ def test_about_the_nominal_with_its_own_covariance_it_is_the_term_of_the_nominal
     std, alpha, x64, plan
 ):
     problem = near_an_obstacle()
-    aim = feedback_policy.reference_density(problem, jnp.asarray(plan), TEMPERATURE, std, alpha)
+    reference = feedback_policy.reference_density(
+        problem, jnp.asarray(plan), TEMPERATURE, std, alpha
+    )
     policy = feedback_policy.nominal_policy(problem, jnp.asarray(plan), TEMPERATURE, std)
     second = feedback_policy.about_nominal(N, False)
-    eps, controls, correction = sampled(problem, (policy, policy), aim, second, jax.random.key(2))
+    eps, controls, correction = sampled(
+        problem, (policy, policy), reference, second, jax.random.key(2)
+    )
     increments = pi.matched_increments(problem, eps, TEMPERATURE, std)
     np.testing.assert_allclose(controls - plan[:, :, None], increments, atol=1e-12)
     weight = pi.girsanov_weight(problem, TEMPERATURE, std, alpha)
@@ -188,15 +192,17 @@ def test_a_weight_above_the_exact_one_does_not_push_away_from_the_nominal(x64, p
     problem = light_dark_problem(
         cost={"control_weight": [1.0, 100.0]}
     )  # R dt std^2 / lambda: 0.1125 and 11.25
-    aim = feedback_policy.reference_density(problem, jnp.asarray(plan), TEMPERATURE, STD, None)
-    np.testing.assert_allclose(aim.centre, plan * [1 - 0.1125, 0], rtol=1e-9, atol=1e-12)
+    reference = feedback_policy.reference_density(
+        problem, jnp.asarray(plan), TEMPERATURE, STD, None
+    )
+    np.testing.assert_allclose(reference.centre, plan * [1 - 0.1125, 0], rtol=1e-9, atol=1e-12)
 
 
 @pytest.mark.parametrize("second", [np.zeros(N, bool), np.arange(N) % 4 == 0])
 def test_the_ratio_of_densities_of_policies_with_feedback_has_mean_one(second, x64, rng, plan):
     """With the constants that the weights leave out; the ratio's mean is one for any policies."""
     problem = near_an_obstacle()
-    aim = feedback_policy.ReferenceDensity(
+    reference = feedback_policy.ReferenceDensity(
         0.3 * jnp.asarray(plan), TEMPERATURE / STD**2 * jnp.eye(2)
     )
     factors = STD * (0.9 * np.eye(2) + 0.05 * np.tril(rng.normal(size=(HORIZON, 2, 2))))
@@ -205,7 +211,7 @@ def test_the_ratio_of_densities_of_policies_with_feedback_has_mean_one(second, x
     )
     wide = policy._replace(controls=-plan, factors=1.2 * factors)
     keys = jax.random.split(jax.random.key(3), 10)
-    found = [sampled(problem, (policy, wide), aim, second, key)[2] for key in keys]
+    found = [sampled(problem, (policy, wide), reference, second, key)[2] for key in keys]
     ratios = np.exp(-np.asarray(found) / TEMPERATURE) / STD ** (2 * HORIZON)
     mean, error = np.mean(ratios), np.std(ratios) / np.sqrt(np.size(ratios))
     assert abs(mean - 1) < 4 * error < 0.1
@@ -221,11 +227,13 @@ def expanded(
         cost: Callable[[Array, Array], Array],
     ) -> tuple[feedback_policy.FeedbackPolicy, feedback_policy.FeedbackPolicy]:
         problem = near_an_obstacle()
-        aim = feedback_policy.reference_density(problem, jnp.asarray(plan), TEMPERATURE, STD, None)
+        reference = feedback_policy.reference_density(
+            problem, jnp.asarray(plan), TEMPERATURE, STD, None
+        )
         means = jnp.ones((HORIZON + 1, 4)) * jnp.arange(HORIZON + 1)[:, None]
         fallback = feedback_policy.nominal_policy(problem, jnp.asarray(plan), TEMPERATURE, STD)
         return feedback_policy.laplace_policy(
-            cost, problem, means, aim, TEMPERATURE, fallback
+            cost, problem, means, reference, TEMPERATURE, fallback
         ), fallback
 
     return make

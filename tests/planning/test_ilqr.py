@@ -13,7 +13,9 @@ from linear_system import lqr, random_problem
 from mppi_belief.belief.cost import certainty_equivalent
 from mppi_belief.planning import ilqr
 
-SETTINGS = ilqr.Settings(tolerance=1e-9, max_iterations=100, damping=1e-6, factor=4.0, most=1e8)
+SETTINGS = ilqr.ILQRSettings(
+    tolerance=1e-9, max_iterations=100, damping=1e-6, damping_factor=4.0, damping_max=1e8
+)
 
 
 def objective(problem: mb.Problem, horizon: int, at_step_end: bool = True):
@@ -24,12 +26,12 @@ def objective(problem: mb.Problem, horizon: int, at_step_end: bool = True):
 
 @partial(quick_jit, static_argnames=("horizon", "at_step_end"))
 def _solve(
-    problem: mb.Problem, start, settings: ilqr.Settings, horizon: int, at_step_end: bool
-) -> ilqr.Solution:
+    problem: mb.Problem, start, settings: ilqr.ILQRSettings, horizon: int, at_step_end: bool
+) -> ilqr.ILQRSolution:
     return ilqr.solve(
         problem,
         objective(problem, horizon, at_step_end),
-        ilqr.still(problem, horizon),
+        ilqr.uncontrolled(problem, horizon),
         start,
         settings,
     )
@@ -38,10 +40,10 @@ def _solve(
 def solve(
     problem: mb.Problem,
     start,
-    settings: ilqr.Settings = SETTINGS,
+    settings: ilqr.ILQRSettings = SETTINGS,
     horizon: int = 30,
     at_step_end: bool = True,
-) -> ilqr.Solution:
+) -> ilqr.ILQRSolution:
     return _solve(problem, jnp.asarray(start), settings, horizon, at_step_end)
 
 
@@ -99,7 +101,7 @@ def test_the_solution_is_stationary(start, light_dark, x64):
             controls=controls, gains=jnp.zeros_like(found.policy.gains)
         )
         return ilqr.total_cost(
-            light_dark, cost, ilqr.follow(light_dark, open_loop, jnp.asarray(start))
+            light_dark, cost, ilqr.forward_rollout(light_dark, open_loop, jnp.asarray(start))
         )
 
     np.testing.assert_allclose(quick_jit(value)(found.policy.controls), found.cost, rtol=1e-10)
@@ -111,21 +113,21 @@ def test_the_solution_is_stationary(start, light_dark, x64):
 def test_an_indefinite_hessian_is_projected_to_the_nearest_psd_matrix(x64, rng):
     values = np.array([2.0, -1.0, 0.5])
     basis, _ = np.linalg.qr(rng.normal(size=(3, 3)))
-    projected = ilqr._convex(jnp.asarray(basis @ np.diag(values) @ basis.T))
+    projected = ilqr.nearest_psd(jnp.asarray(basis @ np.diag(values) @ basis.T))
     np.testing.assert_allclose(projected, basis @ np.diag([2.0, 0.0, 0.5]) @ basis.T, atol=1e-12)
 
 
-def test_following_a_policy_from_elsewhere_uses_its_feedback(x64, rng):
+def test_a_rollout_of_a_policy_from_elsewhere_uses_its_feedback(x64, rng):
     problem = random_problem(rng)
-    policy = ilqr.still(problem, 4)._replace(gains=jnp.ones((4, 2, 3)))
+    policy = ilqr.uncontrolled(problem, 4)._replace(gains=jnp.ones((4, 2, 3)))
     away = jnp.asarray(problem.prior_mean) + 0.1
-    followed = quick_jit(ilqr.follow)(problem, policy, away)
+    followed = quick_jit(ilqr.forward_rollout)(problem, policy, away)
     np.testing.assert_allclose(followed.controls[0], np.full(2, 0.3), rtol=1e-12)
 
 
-def test_a_shifted_policy_is_the_same_policy_one_step_later(x64, light_dark):
+def test_a_warm_start_is_the_same_policy_one_step_later(x64, light_dark):
     policy = solve(light_dark, [1.0, 1.0, 0.0, 0.0]).policy
-    later = ilqr.shifted(policy)
+    later = ilqr.warm_start(policy)
     np.testing.assert_array_equal(later.controls[:-1], policy.controls[1:])
     np.testing.assert_array_equal(later.states[:-1], policy.states[1:])
     assert not later.controls[-1].any()

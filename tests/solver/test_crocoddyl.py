@@ -13,7 +13,9 @@ import mppi_belief as mb
 from mppi_belief.planning import ilqr
 
 DT, HORIZON, R, QX, QT = 0.05, 40, 0.1, np.array([2.0, 0.2]), np.array([20.0, 2.0])
-SETTINGS = ilqr.Settings(tolerance=1e-12, max_iterations=300, damping=1e-6, factor=4.0, most=1e8)
+SETTINGS = ilqr.ILQRSettings(
+    tolerance=1e-12, max_iterations=300, damping=1e-6, damping_factor=4.0, damping_max=1e8
+)
 
 
 @mb.struct
@@ -73,7 +75,7 @@ def test_both_find_the_same_optimum(start):
     problem = mb.Problem(Pendulum(), cost, start, [0, 0], DT, HORIZON)
     objective = ilqr.state_cost(problem, cost.base, HORIZON, True)
     found = ilqr.solve(
-        problem, objective, ilqr.still(problem, HORIZON), jnp.asarray(start), SETTINGS
+        problem, objective, ilqr.uncontrolled(problem, HORIZON), jnp.asarray(start), SETTINGS
     )
     value, controls = crocoddyl_optimum(np.array(start))
     assert found.converged

@@ -1,9 +1,9 @@
-"""LQG: exact feedback on the belief mean for a linear system and a quadratic cost; obstacles are not seen.
+"""LQG: exact feedback on the belief mean for a linear system and a quadratic cost; it does not see obstacles.
 
     u_k = feedforward_k + K_k mu_k,   K from the discrete control Riccati recursion
 
-On a linear-quadratic problem this is what every sampling controller of this package tends to. With
-obstacles it ignores them: the cost of the free road.
+On a linear-quadratic problem every sampling controller of this package tends to it. With obstacles
+it ignores them, and its cost is the cost of the free road.
 """
 
 import jax.numpy as jnp
@@ -16,27 +16,31 @@ from ..structs import choice, size, struct
 
 @struct
 class LQG:
-    """One LQ solution, made at the start.
+    """Follows one LQ solution, computed at the start.
 
-    horizon  0: over the whole trial, the optimum of (2); else the receding horizon of the other controllers
-    at_step_end  charge a step for the state it leads to, or else for the one it starts from, as the reported cost does
+    Fields:
+        horizon: 0 plans over the whole trial, the optimum of (2); else the receding horizon of the
+            other controllers
+        at_step_end: charge step k for the state at t_{k+1}, or else for that at t_k, as the reported
+            cost does
     """
 
     horizon: int = size(default=0, ge=0)
     at_step_end: bool = choice(False, True, default=False)
 
     def init(self, problem: Problem) -> ilqr.Policy:
-        """Expand about the uncontrolled mean and solve once; exact if that expansion is."""
-        nominal = ilqr.still(problem, self.horizon or problem.steps)
+        """Returns the solution of the expansion about the uncontrolled mean; exact if that is."""
+        nominal = ilqr.uncontrolled(problem, self.horizon or problem.steps)
         cost = ilqr.state_cost(problem, problem.cost.base, len(nominal.controls), self.at_step_end)
-        found = ilqr.backward(problem, cost, nominal)
-        return ilqr.Policy(nominal.states, nominal.controls + found.feed, found.gains)
+        improvement = ilqr.lq_improvement(problem, cost, nominal)
+        controls = nominal.controls + improvement.feedforward
+        return ilqr.Policy(nominal.states, controls, improvement.gains)
 
     def act(
         self, problem: Problem, belief: Belief, plan: ilqr.Policy, key: Array
-    ) -> tuple[Array, ilqr.Policy, ilqr.Info]:
-        """The feedback (nu,) and the plan for the next step."""
+    ) -> tuple[Array, ilqr.Policy, ilqr.ILQRInfo]:
+        """Returns the feedback (nu,), the plan of the next step and diagnostics."""
         u = plan.controls[0] + plan.gains[0] @ (belief.mean - plan.states[0])
-        nothing = jnp.full((), jnp.nan)
-        info = ilqr.Info(nothing, nothing, jnp.zeros((), int), jnp.ones((), bool))
-        return u, plan if self.horizon else ilqr.shifted(plan), info
+        undefined = jnp.full((), jnp.nan)
+        info = ilqr.ILQRInfo(undefined, undefined, jnp.zeros((), int), jnp.ones((), bool))
+        return u, plan if self.horizon else ilqr.warm_start(plan), info

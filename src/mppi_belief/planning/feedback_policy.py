@@ -1,22 +1,26 @@
-"""Importance proposals: the feedback policies from which paths of the mean are sampled.
+"""Feedback policies from which controls are sampled, and what path costs are corrected by for their density.
 
     u_k = v_k + K_k (mu_k - mean_k) + F_k eps_k,   eps_k ~ N(0, I)
 
-The average (19) is over paths whose controls would be N(m_k, S_u) if they cost nothing, each counted by
-exp(-S / lambda). Drawn from another density p the same paths count by the ratio of the densities as well
-(Girsanov's, of a drift that depends on the path: Thijssen and Kappen 2015), so that the path cost becomes
+The average (19) is over paths whose controls would be N(m_k, S_u) if they cost nothing, each weighted
+by exp(-S / lambda). If they are drawn from another density p, each weight is multiplied by the ratio
+of the two densities (Girsanov's formula for a drift that depends on the path: Thijssen and Kappen
+2015), so that the path cost becomes
 
     S + lambda ( sum_k 1/2 (u_k - m_k)' S_u^-1 (u_k - m_k) + log p(u) )
 
-and the control for many samples is the same whatever the proposal; how many are enough is not. With
-v = nominal, K = 0, F F' = S_u this is `path_integral.girsanov`: m = nominal - S_u W nominal / lambda. A W above
-lambda S_u^-1 would push the controls away from the nominal; there, and only there, the limit is another than that
-about the nominal: m = 0, as for the exact W = lambda S_u^-1.
+The control for many samples is then the same for every p; how many are enough is not. With
+v = nominal, K = 0, F F' = S_u this is `path_integral.girsanov`: m = nominal - S_u W nominal / lambda.
+A W above lambda S_u^-1 would push the controls away from the nominal; in this case only, the limit
+differs from that of the nominal sampler: m = 0, as for the exact W = lambda S_u^-1.
 
-The Laplace proposal is the optimal policy of the LQ problem about the nominal, whose covariance is
-F F' = lambda Quu^-1. Where the problem is that problem all its weights are equal (Kappen and Ruiz 2016). Where it is
-far from it none of its samples may be any good; so a part of them is drawn about the nominal, and p is the mixture of
-the two (Hesterberg 1995), with which no path counts more than EVERY times what it counts for the plain planner.
+The Laplace policy is the optimal policy of the LQ problem about the nominal, with the covariance
+F F' = lambda Quu^-1. Where the problem is this LQ problem, all weights are equal (Kappen and Ruiz 2016).
+Where it is far from it, none of its samples may be any good. Therefore one sample in EVERY is drawn
+about the nominal, and p is the mixture of the two densities (Hesterberg 1995), under which no path
+weighs more than EVERY times what it weighs for the nominal sampler.
+
+Symbols: H steps of the horizon, N samples, nx states, nu controls.
 """
 
 from typing import NamedTuple
@@ -37,19 +41,19 @@ EVERY = 5  # one sample in so many is drawn about the nominal; a choice
 
 
 class ReferenceDensity(NamedTuple):
-    """The controls of a path that costs nothing, N(m_k, S_u): m (H, nu) and lambda S_u^-1 (nu, nu)."""
+    """The density N(m_k, S_u) that the controls of a path would have if it cost nothing."""
 
-    centre: Array
-    precision: Array
+    centre: Array  # m (H, nu)
+    precision: Array  # lambda S_u^-1 (nu, nu)
 
 
 class FeedbackPolicy(NamedTuple):
-    """A policy: means (H, nx) and controls (H, nu), gains (H, nu, nx) about them, factors F (H, nu, nu)."""
+    """Gaussian controls about a feedback law."""
 
-    means: Array
-    controls: Array
-    gains: Array
-    factors: Array
+    means: Array  # (H, nx): belief means about which the feedback acts
+    controls: Array  # v (H, nu)
+    gains: Array  # K (H, nu, nx)
+    factors: Array  # F (H, nu, nu)
 
 
 def reference_density(
@@ -59,21 +63,26 @@ def reference_density(
     std: Array | float | None,
     alpha: Array | float | None,
 ) -> ReferenceDensity:
-    """What (19) averages over about a nominal (H, nu), with the settings of `NominalSampler`."""
+    """Returns the density that (19) averages over about a nominal (H, nu).
+
+    The settings are those of `NominalSampler`.
+    """
     precision = girsanov_weight(problem, temperature, std, 0.0)
-    # symmetric: one of them is a multiple of the other or of I
-    taken = jnp.linalg.solve(precision, girsanov_weight(problem, temperature, std, alpha))
-    parts, axes = jnp.linalg.eigh(symmetrise(taken))
-    return ReferenceDensity(
-        nominal - nominal @ (axes * jnp.minimum(parts, 1.0)) @ axes.T, precision
-    )
+
+    # The part of the nominal that m leaves out, at most all of it. The matrix is symmetric, since one
+    # of the two weights is a multiple of the other or of I.
+    weight = girsanov_weight(problem, temperature, std, alpha)
+    parts, axes = jnp.linalg.eigh(symmetrise(jnp.linalg.solve(precision, weight)))
+    left_out = nominal @ (axes * jnp.minimum(parts, 1.0)) @ axes.T
+    return ReferenceDensity(nominal - left_out, precision)
 
 
 def nominal_policy(
     problem: Problem, nominal: Array, temperature: Array | float, std: Array | float | None
 ) -> FeedbackPolicy:
-    """Controls N(nominal_k, S_u) about a nominal (H, nu), whatever the mean."""
-    (horizon, nu), nx = nominal.shape, len(problem.prior_mean)
+    """Returns the policy N(nominal_k, S_u) about a nominal (H, nu), without feedback."""
+    horizon, nu = nominal.shape
+    nx = len(problem.prior_mean)
     units = jnp.broadcast_to(jnp.eye(nu), (horizon, nu, nu))
     factors = matched_increments(problem, units, temperature, std)
     return FeedbackPolicy(jnp.zeros((horizon, nx)), nominal, jnp.zeros((horizon, nu, nx)), factors)
@@ -83,30 +92,47 @@ def laplace_policy(
     cost: ilqr.StateCost,
     problem: Problem,
     means: Array,
-    aim: ReferenceDensity,
+    reference: ReferenceDensity,
     temperature: Array | float,
     fallback: FeedbackPolicy,
 ) -> FeedbackPolicy:
-    """The optimal policy of the problem expanded about the means (H+1, nx) of the controls of `fallback`.
+    """Returns the optimal policy of the problem expanded about the controls of `fallback`.
 
-    A state whose cost has no finite derivatives counts as if it cost nothing. Where the policy is not finite all the
-    same, as of derivatives that overflow, it is `fallback`.
+    A state whose cost has no finite derivatives counts as if it cost nothing. If the policy is not
+    finite all the same, because derivatives overflow, it is `fallback`.
+
+    Args:
+        cost: of a mean at a step
+        problem: the problem, for its dynamics
+        means: (H+1, nx) along the controls of `fallback`
+        reference: the density of controls that cost nothing
+        temperature: lambda
+        fallback: the policy about the nominal
     """
     nominal = fallback.controls
     lq = ilqr.expand(problem, cost, means, nominal)
-    slopes, bends = (jnp.where(jnp.isfinite(part), part, 0.0) for part in (lq.slopes, lq.bends))
-    lq = lq._replace(slopes=slopes, bends=bends)
-    found = ilqr.sweep(lq, (nominal - aim.centre) @ aim.precision, aim.precision)
-    factors = jnp.linalg.cholesky(temperature * found.inverses)
-    best = FeedbackPolicy(means[:-1], nominal + found.feed, found.gains, factors)
-    finite = jnp.all(jnp.array([jnp.all(jnp.isfinite(part)) for part in best]))
-    return jax.tree.map(lambda one, other: jnp.where(finite, one, other), best, fallback)
+    lq = lq._replace(gradients=_finite(lq.gradients), hessians=_finite(lq.hessians))
+    control_gradients = (nominal - reference.centre) @ reference.precision
+    optimum = ilqr.backward_pass(lq, control_gradients, reference.precision)
+    factors = jnp.linalg.cholesky(temperature * optimum.inverses)
+    policy = FeedbackPolicy(means[:-1], nominal + optimum.feedforward, optimum.gains, factors)
+    finite = jnp.all(jnp.array([jnp.all(jnp.isfinite(part)) for part in policy]))
+    return jax.tree.map(lambda own, other: jnp.where(finite, own, other), policy, fallback)
+
+
+def _finite(derivatives: Array) -> Array:
+    """Returns the derivatives with zeros where they are not finite."""
+    return jnp.where(jnp.isfinite(derivatives), derivatives, 0.0)
 
 
 def about_nominal(n: int, mirrored: bool) -> np.ndarray:
-    """Which of n samples are drawn about the nominal (n,): one in EVERY, spread over them; of mirrored pairs
-    (`path_integral.normals`) both or none."""
-    return np.arange(n) % (-(-n // 2) if mirrored else n) % EVERY == 0
+    """Returns which of n samples are drawn about the nominal (n,).
+
+    They are one in EVERY, spread over the samples; of mirrored pairs (`path_integral.normals`) both
+    or none.
+    """
+    period = -(-n // 2) if mirrored else n
+    return np.arange(n) % period % EVERY == 0
 
 
 def feedback_rollouts(
@@ -116,40 +142,68 @@ def feedback_rollouts(
     second: np.ndarray,
     normals: Array,
 ) -> tuple[Array, Array, Array]:
-    """Controls (H, nu, N) and means mu_1..mu_H (H, nx, N) from a mean (nx,) for normals (H, nu, N), and the log of the
-    density that the controls were drawn from (N,), up to a constant; `second` (N,): which are of the second policy."""
+    """Draws controls from two policies and rolls out the belief means they lead along.
+
+    Args:
+        problem: the problem, for its dynamics
+        mean: (nx,) where all paths start
+        policies: the two policies
+        second: (N,) which samples are drawn from the second one
+        normals: (H, nu, N)
+
+    Returns:
+        Controls (H, nu, N); means mu_1..mu_H (H, nx, N); the log of the mixture density that the
+        controls were drawn from (N,), up to a constant.
+    """
     n = normals.shape[-1]
     whitening = tuple(jnp.linalg.inv(policy.factors) for policy in policies)
 
     def advance(
-        at: tuple[Array, Array], given: tuple
+        carry: tuple[Array, Array], inputs: tuple
     ) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
-        (mu, squares), (eps, now, whiten) = at, given
+        mu, squares = carry
+        eps, policies_now, whiten = inputs
 
         def move(mu: Array, eps: Array, second: Array) -> tuple[Array, Array, Array]:
-            centres = [one.controls + one.gains @ (mu - one.means) for one in now]
-            drawn = [centre + one.factors @ eps for centre, one in zip(centres, now, strict=True)]
-            u, own = jnp.where(second, drawn[1], drawn[0]), jnp.sum(eps**2)
-            first, other = (
-                jnp.sum((W @ (u - centre)) ** 2) for W, centre in zip(whiten, centres, strict=True)
+            # Controls of both policies at this mean, of which one is drawn.
+            centres = [p.controls + p.gains @ (mu - p.means) for p in policies_now]
+            drawn = [c + p.factors @ eps for c, p in zip(centres, policies_now, strict=True)]
+            u = jnp.where(second, drawn[1], drawn[0])
+
+            # Squared distance of the control from both, in standard deviations.
+            own = jnp.sum(eps**2)
+            first_square, second_square = (
+                jnp.sum((W @ (u - c)) ** 2) for W, c in zip(whiten, centres, strict=True)
             )
-            off = jnp.stack([jnp.where(second, first, own), jnp.where(second, own, other)])
-            return u, euler_step(problem.system, mu, u, problem.dt), off
+            from_first = jnp.where(second, first_square, own)
+            from_second = jnp.where(second, own, second_square)
+            next_mu = euler_step(problem.system, mu, u, problem.dt)
+            return u, next_mu, jnp.stack([from_first, from_second])
 
-        u, mu, off = vmap_last(move, mapped=(True, True, True))(mu, eps, jnp.asarray(second))
-        return (mu, squares + off), (u, mu)
+        u, mu, distances = vmap_last(move, mapped=(True, True, True))(mu, eps, jnp.asarray(second))
+        return (mu, squares + distances), (u, mu)
 
-    start = jnp.broadcast_to(mean[:, None], (len(mean), n)), jnp.zeros((2, n))
+    start = (jnp.broadcast_to(mean[:, None], (len(mean), n)), jnp.zeros((2, n)))
     (_, squares), (controls, means) = jax.lax.scan(advance, start, (normals, policies, whitening))
-    heights = jnp.stack([jnp.sum(jnp.linalg.slogdet(W)[1]) for W in whitening])
-    shares = jnp.log(jnp.array([np.mean(~second), np.mean(second)]))
-    return controls, means, jax.nn.logsumexp((shares + heights)[:, None] - 0.5 * squares, axis=0)
+
+    # The density of the mixture of both policies.
+    log_peaks = jnp.stack([jnp.sum(jnp.linalg.slogdet(W)[1]) for W in whitening])
+    log_shares = jnp.log(jnp.array([np.mean(~second), np.mean(second)]))
+    log_terms = (log_shares + log_peaks)[:, None] - 0.5 * squares
+    return controls, means, jax.nn.logsumexp(log_terms, axis=0)
 
 
 def density_correction(
-    aim: ReferenceDensity, temperature: Array | float, controls: Array, density: Array
+    reference: ReferenceDensity, temperature: Array | float, controls: Array, log_density: Array
 ) -> Array:
-    """What path costs are raised by (N,), for controls (H, nu, N) drawn from a density of this log (N,)."""
-    off = controls - aim.centre[:, :, None]
-    form = vmap_last(lambda d: quadratic_form(aim.precision, d), mapped=(True,))
-    return 0.5 * jnp.sum(jax.vmap(form)(off), 0) + temperature * density
+    """Returns what path costs are raised by (N,).
+
+    Args:
+        reference: the density of controls that cost nothing
+        temperature: lambda
+        controls: (H, nu, N) as they were drawn
+        log_density: (N,) of the density they were drawn from, up to a constant
+    """
+    offsets = controls - reference.centre[:, :, None]
+    form = vmap_last(lambda offset: quadratic_form(reference.precision, offset), mapped=(True,))
+    return 0.5 * jnp.sum(jax.vmap(form)(offsets), 0) + temperature * log_density

@@ -44,7 +44,7 @@ class LaplaceSampler:
         reference = feedback_policy.reference_density(
             problem, nominal, temperature, self.control_std, self.alpha
         )
-        cost = ilqr.staged(
+        cost = ilqr.time_varying_cost(
             problem.dt,
             lambda mu, k: path_cost.running(problem, mu, schedule.cov[k]),
             lambda mu: path_cost.terminal(problem, mu, schedule.cov[-1]),
