@@ -7,7 +7,7 @@ from ..cell_results import CellResults
 from ..elements import cell_lines, collision_text, write_table
 from ..page import Section
 
-EXPECTATION_KEY = "controller.expectation"
+EXPECTATION_KEY = "controller.path_cost.expectation"
 EXPECTATIONS = {
     "exact": "with the exact expectation of the penalty",
     "at_mean": "with the penalty at the mean",
