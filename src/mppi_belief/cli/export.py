@@ -1,4 +1,4 @@
-"""Rows of many cells as one CSV, each with its cell and its commit; numbers read back bit for bit."""
+"""Exports the rows of many cells as one CSV, each with its cell and commit, in full precision."""
 
 import csv
 import io
@@ -11,20 +11,22 @@ from ..config.cell import labels
 from ..results.columns import COLUMNS
 from ..results.contents import CellContents
 from ..results.sources import source_finder
-from .tables import short_commit
+from .tables import commit_label
 
-_TEXT = ("status", "controller", "collided", "error")  # columns in which pandas has NaN for nothing
+NULLABLE_COLUMNS = ("status", "controller", "collided", "error")  # pandas has NaN for None there
 
 
 def as_csv(cells: Sequence[CellContents]) -> tuple[str, int]:
-    """The table as text and the number of its rows: cell, commit, what all rows have, then what was swept.
+    """Returns the CSV as text, and its number of rows.
 
-    A float is its shortest text that is that very float (nan, inf and -inf too), nothing is an empty field.
+    The columns are cell, commit, those that all rows have, then the settings that were swept. A
+    float is written as the shortest text that reads back as the same float (also nan, inf and
+    -inf); None is an empty field.
     """
-    lines = [line for contents in cells for line in _lines(contents)]
-    names = dict.fromkeys(["cell", "commit", *COLUMNS]) | dict.fromkeys(
-        name for line in lines for name in line
-    )
+    lines = [line for contents in cells for line in _csv_lines(contents)]
+    names = dict.fromkeys(["cell", "commit", *COLUMNS])
+    for line in lines:
+        names |= dict.fromkeys(line)
     text = io.StringIO()
     writer = csv.DictWriter(text, list(names), restval="", lineterminator="\n")
     writer.writeheader()
@@ -32,28 +34,30 @@ def as_csv(cells: Sequence[CellContents]) -> tuple[str, int]:
     return text.getvalue(), len(lines)
 
 
-def _lines(contents: CellContents) -> Iterator[dict[str, str]]:
-    rows, find = contents.rows, source_finder(contents)
-    for values in rows.to_dict("records"):
-        source = find(values["trial"], values["_file"])
-        swept = {name: value for name, value in _swept(source).items() if name not in COLUMNS}
-        row = {
-            name: None if name in _TEXT and pd.isna(values[name]) else values[name]
-            for name in COLUMNS
-        }
-        yield {"cell": contents.folder.name, "commit": short_commit(source, short=False)} | {
-            name: _exact(value) for name, value in (row | swept).items()
-        }
+def _csv_lines(contents: CellContents) -> Iterator[dict[str, str]]:
+    """Yields one line per row of a cell."""
+    find_source = source_finder(contents)
+    for values in contents.rows.to_dict("records"):
+        source = find_source(values["trial"], values["_file"])
+        line = {"cell": contents.folder.name, "commit": commit_label(source, short=False)}
+        for name in COLUMNS:
+            is_none = name in NULLABLE_COLUMNS and pd.isna(values[name])
+            line[name] = "" if is_none else _exact_text(values[name])
+        for name, value in _swept_settings(source).items():
+            line.setdefault(name, _exact_text(value))
+        yield line
 
 
-def _swept(source: dict[str, Any]) -> dict[str, Any]:
+def _swept_settings(source: dict[str, Any]) -> dict[str, Any]:
+    """Returns the labels of the configuration that made a row; none where it is not stored."""
     try:
         return labels(source["config"])
     except (KeyError, TypeError, AttributeError):
         return {}
 
 
-def _exact(value: Any) -> str:
+def _exact_text(value: Any) -> str:
+    """Returns a text that reads back as the same value; the empty text for None."""
     if value is None:
         return ""
     return repr(value) if isinstance(value, float) else str(value)

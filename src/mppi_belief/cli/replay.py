@@ -19,7 +19,7 @@ from ..results.provenance import provenance
 from ..results.sources import row_of
 from . import usage
 from .result_words import read
-from .tables import short_commit
+from .tables import commit_label
 
 NOT_REPRODUCED = 3
 UNFINISHED = ("crashed", "timeout")  # trials that no process survived or waited for
@@ -117,7 +117,7 @@ def _again(kept: Kept, now: dict[str, Any]) -> int:
 
 
 def _run(source: dict[str, Any]) -> str:
-    return f"of {source.get('started', 'an unknown time')} at {short_commit(source)}"
+    return f"of {source.get('started', 'an unknown time')} at {commit_label(source)}"
 
 
 def _changes(then: dict[str, Any], now: dict[str, Any]) -> list[str]:
@@ -127,7 +127,7 @@ def _changes(then: dict[str, Any], now: dict[str, Any]) -> list[str]:
     pairs = [(name, before.get(name), after[name]) for name in _VERSIONS]
     pairs += [(name, then.get(name), now[name]) for name in ("algorithm", "processor", "platform")]
     pairs += [("device", then.get("device"), now["device"])]
-    pairs += [("commit", short_commit(then), short_commit(now))] if then.get("commit") else []
+    pairs += [("commit", commit_label(then), commit_label(now))] if then.get("commit") else []
     pairs += [(f"code of {name}", code.get(name), value) for name, value in now["code"].items()]
     threads = then.get("threads") or {}
     pairs += [(name, threads.get(name), value) for name, value in now["threads"].items()]
