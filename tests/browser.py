@@ -1,4 +1,6 @@
-"""A page in a real browser, off the network: how wide it is, whether its pictures are drawn, what it complains of."""
+"""A page in a real browser, off the network: how wide it is, whether its pictures are drawn, what
+it complains of.
+"""
 
 import html
 import json

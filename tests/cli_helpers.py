@@ -111,8 +111,9 @@ def python(code: str, cwd: Path) -> str:
 def started(
     cwd: Path, *args: str, stdout: int = subprocess.DEVNULL, **how: Any
 ) -> Iterator[subprocess.Popen[str]]:
-    """The command in the background, in a process group of its own as a shell would give it; never left behind.
-    `how` is for Popen."""
+    """The command in the background, in a process group of its own as a shell would give it; never
+    left behind. `how` is for Popen.
+    """
     log = cwd / "stderr.txt"
     with log.open("w") as stderr:
         process = subprocess.Popen(

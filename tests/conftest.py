@@ -1,4 +1,4 @@
-"""Fixtures shared by all tests."""
+"""Defines the fixtures that all tests share."""
 
 import gc
 import itertools
@@ -15,14 +15,17 @@ from helpers import Scalar, float64, light_dark_problem, quick_jit
 from mppi_belief.config import targets
 
 ENDED = itertools.count(1)  # tests of this process
-# XLA's older and simpler kernels, all in one piece: they compile in a half to a quarter of the time of those of users,
-# to the same numbers but for rounding (jaxlib 0.10.2 has these flags; XLA ends a process that names one it has not)
+# XLA's older and simpler kernels, all in one piece: they compile in a half to a quarter of the time
+# of those of users, to the same numbers but for rounding (jaxlib 0.10.2 has these flags; XLA ends a
+# process that names one it has not)
 SIMPLE = "--xla_cpu_use_fusion_emitters=false --xla_cpu_parallel_codegen_split_count=1"
 
 
 def compile_simply() -> None:
-    """In the tests' own process, for which XLA reads its flags now; the commands that tests start compile as users do,
-    and so do programs of `helpers.users_jit`."""
+    """Lets XLA compile simply in this process, which reads its flags now.
+
+    The commands that tests start compile as users do, and so do programs of `helpers.users_jit`.
+    """
     given = os.environ.get("XLA_FLAGS")
     os.environ["XLA_FLAGS"] = f"{SIMPLE} {given or ''}"
     jax.devices()
@@ -37,13 +40,17 @@ compile_simply()
 
 @pytest.fixture(autouse=True, scope="session")
 def own_parts() -> None:
-    """Configurations may name the classes of the tests' own modules."""
+    """Allows configurations to name the classes of the tests' own modules."""
     targets.allow([Path(__file__).parent])
 
 
 @pytest.fixture(autouse=True)
 def room_for_programs() -> Iterator[None]:
-    """Every compiled program maps some pages, and a process may have 65 530 maps: LLVM aborts when it gets none."""
+    """Clears compiled programs before their memory maps run out.
+
+    Every compiled program maps some pages, and a process may have 65 530 maps: LLVM aborts when it
+    gets none.
+    """
     yield
     maps = Path("/proc/self/maps")
     if next(ENDED) % 20 == 0 and maps.exists() and maps.read_bytes().count(b"\n") > 45_000:
@@ -53,30 +60,30 @@ def room_for_programs() -> Iterator[None]:
 
 @pytest.fixture
 def x64() -> Iterator[None]:
-    """Double precision for one test."""
+    """Switches to double precision for one test."""
     with float64():
         yield
 
 
 @pytest.fixture
 def quick_x64(x64, monkeypatch) -> None:
-    """Double precision, and little spent on compiling."""
+    """Switches to double precision and spends little time on compiling."""
     monkeypatch.setattr(jax, "jit", quick_jit)
 
 
 @pytest.fixture
 def light_dark() -> mb.Problem:
-    """The numbers of the reference scenario."""
+    """Returns the problem of the reference scenario."""
     return light_dark_problem()
 
 
 @pytest.fixture
 def scalar() -> Scalar:
-    """The exactly matched scalar system."""
+    """Returns the exactly matched scalar system."""
     return Scalar()
 
 
 @pytest.fixture
 def rng() -> np.random.Generator:
-    """A fixed stream for the inputs of one test."""
+    """Returns a fixed stream of random numbers for the inputs of one test."""
     return np.random.default_rng(0)

@@ -1,4 +1,6 @@
-"""A gate that decides how many trials of a real command may begin, so that tests wait for events and not for time."""
+"""A gate that decides how many trials of a real command may begin, so that tests wait for events
+and not for time.
+"""
 
 import os
 from pathlib import Path
@@ -8,7 +10,8 @@ EVERYTHING = 10**9
 
 
 class Gate:
-    """Admits a number of trials of the commands that run in its environment; further ones wait in their workers.
+    """Admits a number of trials of the commands that run in its environment; further ones wait in
+    their workers.
 
     `folder` must be new for each command. Workers are those of `tests/gated/gated.py`.
     """

@@ -29,7 +29,9 @@ SIGMAS = 4.5  # a true statement fails such a test about once in 150 000
 
 @contextmanager
 def float64() -> Iterator[None]:
-    """Closed forms are compared in double precision; without this, tests run in float32 as users do."""
+    """Closed forms are compared in double precision; without this, tests run in float32 as users
+    do.
+    """
     before = jax.config.jax_enable_x64
     jax.config.update("jax_enable_x64", True)
     try:
@@ -149,7 +151,9 @@ def random_spd(rng: np.random.Generator, n: int, low: float = 0.5, high: float =
 
 
 def assert_mean(samples: np.ndarray, target: np.ndarray | float, sigmas: float = SIGMAS) -> None:
-    """The mean over the first axis lies within so many standard errors of the target (rounding: 1e-12)."""
+    """The mean over the first axis lies within so many standard errors of the target (rounding:
+    1e-12).
+    """
     samples = np.asarray(samples, dtype=np.float64)
     error = samples.std(axis=0, ddof=1) / np.sqrt(len(samples)) + 1e-12
     assert np.all(np.abs(samples.mean(axis=0) - target) <= sigmas * error), (
@@ -160,7 +164,9 @@ def assert_mean(samples: np.ndarray, target: np.ndarray | float, sigmas: float =
 
 
 def assert_covariance(samples: np.ndarray, target: np.ndarray, sigmas: float = SIGMAS) -> None:
-    """Zero-mean Gaussian samples (n, d) have the covariance `target` (d, d), within standard errors."""
+    """Zero-mean Gaussian samples (n, d) have the covariance `target` (d, d), within standard
+    errors.
+    """
     samples = np.asarray(samples, dtype=np.float64)
     diagonal = np.diag(target)
     error = np.sqrt((np.outer(diagonal, diagonal) + target**2) / len(samples))

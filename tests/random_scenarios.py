@@ -1,10 +1,12 @@
-"""Closed loops of random scenarios over the whole range of the numbers, every controller, both precisions.
+"""Closed loops of random scenarios over the whole range of the numbers, every controller, both
+precisions.
 
     python tests/random_scenarios.py [--count 10000] [--seed 0]
 
-Drawn together: noises of 1e-6 to 1e3 or none, dt of 1e-4 to 1, prior deviations of 1e-6 to 1e3 or none, starts on an
-obstacle, goals in one, w_obs to 1e8, theta, temperatures and control weights over many decades. What must hold along
-each loop is `violations`; a trial that leaves the finite numbers must be one that says so (`lost`). Prints counts.
+Drawn together: noises of 1e-6 to 1e3 or none, dt of 1e-4 to 1, prior deviations of 1e-6 to 1e3 or
+none, starts on an obstacle, goals in one, w_obs to 1e8, theta, temperatures and control weights
+over many decades. What must hold along each loop is `violations`; a trial that leaves the finite
+numbers must be one that says so (`lost`). Prints counts.
 """
 
 import argparse
@@ -248,7 +250,9 @@ class Loop(NamedTuple):
 
 
 def loops(system: str, method: str) -> Callable[[Numbers], Loop]:
-    """A program for closed loops of stacked scenarios; far more time goes into compiling it than into running it."""
+    """A program for closed loops of stacked scenarios; far more time goes into compiling it than
+    into running it.
+    """
     filter, controller = METHODS[method]
 
     def one(n: Numbers) -> Loop:
@@ -263,8 +267,9 @@ def loops(system: str, method: str) -> Callable[[Numbers], Loop]:
 
 
 def lost(found: Loop) -> np.ndarray:
-    """What left the finite numbers first in each scenario (B,): "", control, paths (the costs of all that were
-    sampled at a step), state, belief or cost."""
+    """What left the finite numbers first in each scenario (B,): "", control, paths (the costs of
+    all that were sampled at a step), state, belief or cost.
+    """
     trial = found.trial
     gone = {
         "control": ~_finite(trial.controls),
@@ -309,8 +314,10 @@ def violations(found: Loop, dtype: str) -> dict[str, np.ndarray]:
 
 
 def _not_semidefinite(cov: np.ndarray, dtype: str) -> np.ndarray:
-    """A sum of m products of rows is off by at most m eps of the rows' lengths, in norm by n m eps of the largest
-    eigenvalue; m is at most the number of particles. A product below the least normal number is lost whole."""
+    """A sum of m products of rows is off by at most m eps of the rows' lengths, in norm by n m eps
+    of the largest eigenvalue; m is at most the number of particles. A product below the least
+    normal number is lost whole.
+    """
     n = cov.shape[-1]
     number = np.finfo(dtype)
     terms = n * max(n, PARTICLES)
@@ -377,9 +384,8 @@ def main() -> None:
                     if bad.any():
                         counts[f"VIOLATION {name}"] += int(bad.sum())
                         worst += int(bad.sum())
-                        print(
-                            f"{dtype} {system} {method}: {name}, scenarios {first + np.flatnonzero(bad)[:8]}"
-                        )
+                        scenarios = first + np.flatnonzero(bad)[:8]
+                        print(f"{dtype} {system} {method}: {name}, scenarios {scenarios}")
             for method, counts in tally.items():
                 print(f"{dtype} {system:14} {method:28}", dict(counts), flush=True)
     raise SystemExit(worst > 0)

@@ -1,4 +1,6 @@
-"""The paper's formulas once more, slow and plain, in NumPy and SciPy: what the package is compared with."""
+"""The paper's formulas once more, slow and plain, in NumPy and SciPy: what the package is compared
+with.
+"""
 
 from collections.abc import Callable
 from itertools import product
@@ -106,7 +108,8 @@ def expectation(
     """E fn(x) by a tensor rule; fn maps points (P, n) to (..., P).
 
     Equal steps over +-9 standard deviations: for a smooth function times a Gaussian they converge
-    as fast as Gauss-Hermite nodes, and unlike those they resolve a bump much narrower than the Gaussian.
+    as fast as Gauss-Hermite nodes, and unlike those they resolve a bump much narrower than the
+    Gaussian.
     """
     n = len(mean)
     line = np.linspace(-reach, reach, nodes)
@@ -160,7 +163,9 @@ def bump_expectation(
 def bump_moments(
     mean: np.ndarray, cov: Matrix, centers: np.ndarray, width: float
 ) -> tuple[float, float]:
-    """Mean and variance of the sum of bumps, a product of two being a bump of width l / sqrt(2) half-way."""
+    """Mean and variance of the sum of bumps, a product of two being a bump of width l / sqrt(2)
+    half-way.
+    """
     centers = np.asarray(centers, dtype=float)
     first = sum(bump_expectation(mean, cov, z, width**2) for z in centers)
     second = sum(
@@ -181,7 +186,9 @@ def control_map(G: Matrix, R: Matrix) -> Matrix:
 
 
 class Planner(NamedTuple):
-    """The inputs of Algorithm 1 that are not the system: q(mu, Sigma), phi(mu, Sigma), R, lambda, Delta t."""
+    """The inputs of Algorithm 1 that are not the system: q(mu, Sigma), phi(mu, Sigma), R, lambda,
+    Delta t.
+    """
 
     q: Callable[[np.ndarray, Matrix], float]
     phi: Callable[[np.ndarray, Matrix], float]
@@ -224,7 +231,8 @@ def algorithm_1(
 ) -> np.ndarray:
     """Algorithm 1 as printed, line by line, on standard normals (H, n, N).
 
-    L (H, n, n) is handed over, since L_k L_k' = D_k leaves it open up to a rotation; line 1 checks it.
+    L (H, n, n) is handed over, since L_k L_k' = D_k leaves it open up to a rotation; line 1 checks
+    it.
     """
     dt = planner.dt
     temperature = planner.temperature
@@ -273,8 +281,8 @@ def gaussian_paths(
     steps: int,
     temperature: float,
 ) -> GaussianPaths:
-    """(19) and (17) with the expectation done exactly: S is quadratic in eps, so exp(-S / lambda) tilts N(0, I dt)
-    into another Gaussian.
+    """(19) and (17) with the expectation done exactly: S is quadratic in eps, so exp(-S / lambda)
+    tilts N(0, I dt) into another Gaussian.
 
     mu_k = F^k mean + row_k . eps; S = sum over k of q/2 mu_k^2 dt, plus q_T/2 mu_H^2.
     """
@@ -295,6 +303,8 @@ def gaussian_paths(
 def lqg_feedback(
     a: float, b: float, R: float, q: float, q_T: float, mean: float, duration: float
 ) -> float:
-    """-R^-1 b P(0) mean, P from the control Riccati equation -dP/dt = q + 2 a P - (b P)^2 / R, P(T) = q_T."""
+    """-R^-1 b P(0) mean, P from the control Riccati equation -dP/dt = q + 2 a P - (b P)^2 / R, P(T)
+    = q_T.
+    """
     P = _integrate(lambda _, p: q + 2 * a * p - (b * p) ** 2 / R, np.array([q_T]), duration)[0]
     return -b * P * mean / R

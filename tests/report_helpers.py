@@ -100,7 +100,9 @@ def store(
     seconds: Sequence[float] = (),
     source: dict[str, Any] | None = None,
 ) -> Path:
-    """Write these rows, in files of at most ten, and the wall times of control steps; the cell's folder."""
+    """Write these rows, in files of at most ten, and the wall times of control steps; the cell's
+    folder.
+    """
     folder = root / cell.id
     for start in range(0, len(rows), 10):
         results.write_rows(
@@ -112,7 +114,9 @@ def store(
 
 
 def store_pictured(folder: Path, trial: int, steps: int = 3) -> None:
-    """What pictures need beside the rows: the path of one trial in the plane, its scene, a recording of it."""
+    """What pictures need beside the rows: the path of one trial in the plane, its scene, a
+    recording of it.
+    """
     where = [np.array([1.0 + k, 1.0 - k / 4, 1.0, -0.25]) for k in range(steps + 1)]
     cov = 0.02 * np.eye(4).ravel()
     u = np.zeros(2)

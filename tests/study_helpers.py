@@ -29,7 +29,9 @@ class Batch(NamedTuple):
 
 
 def config(seed: int = 0, batch: int = 1, **extra: Any) -> dict[str, Any]:
-    """The configuration of a cell that means nothing; `extra` goes to its system, so it makes another cell."""
+    """The configuration of a cell that means nothing; `extra` goes to its system, so it makes
+    another cell.
+    """
     groups: dict[str, Any] = {group: {} for group in ("cost", "problem", "filter", "controller")}
     names = {"system": "fake", "cost": "fake", "filter": "fake", "controller": "fake"}
     how = {"precision": "float32", "platform": "cpu", "batch": batch, "code": {}}

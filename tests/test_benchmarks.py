@@ -38,7 +38,7 @@ def workload():
 
 
 class Chaser(plant.Planner):
-    """Feedback that goes to the goal."""
+    """Drives to the goal by feedback."""
 
     settings = "by hand"
 
@@ -62,7 +62,7 @@ def make(name, workload, dtype):
 
 
 class Process:
-    """A contestant without a process: as `remote.Remote`, the replies as JSON."""
+    """Represents a contestant without a process; as in `remote.Remote`, replies are JSON."""
 
     def __init__(self, make, fails_at=""):
         self.make = make

@@ -1,4 +1,4 @@
-"""Programs are compiled for a structure, never for its numbers: what JAX reports of its own compilations."""
+"""Programs are compiled for a structure, never for its numbers: JAX reports its compilations."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -25,7 +25,7 @@ def quick() -> Iterator[None]:
 
 @contextmanager
 def noted(event: str) -> Iterator[list[str]]:
-    """The functions that JAX traces or compiles meanwhile; one found in a compilation cache counts, too."""
+    """Collects the functions that JAX traces or compiles; one found in a cache counts, too."""
     names: list[str] = []
 
     def listen(name: str, seconds: float, **about: Any) -> None:
@@ -40,7 +40,7 @@ def noted(event: str) -> Iterator[list[str]]:
 
 
 def moved(node: Any) -> Any:
-    """A configuration with every number in it moved by a hundredth, whole numbers and words left."""
+    """Returns a configuration with every number moved by a hundredth, integers and words unchanged."""
     if isinstance(node, dict):
         return {key: moved(value) for key, value in node.items()}
     if isinstance(node, list):
@@ -49,14 +49,14 @@ def moved(node: Any) -> Any:
 
 
 def row_of(config: dict[str, Any]) -> dict[str, Any]:
-    """A trial of a cell, run as a worker does."""
+    """Returns the row of a trial of a cell, run as a worker does."""
     (row,) = run_trials(config, [0]).rows
     assert (row["status"], row["error"]) == ("ok", None)
     return row
 
 
 def another(config: dict[str, Any]) -> dict[str, Any]:
-    """A cell that has no number in common with this one but its sizes."""
+    """Returns a cell that shares no number with this one but its sizes."""
     changed = (
         config | {group: moved(config[group]) for group in GROUPS} | {"seed": config["seed"] + 1}
     )

@@ -1,4 +1,5 @@
-"""What every system, cost, filter, controller, sweep and study in conf/ must do; a new yaml is taken up by itself.
+"""What every system, cost, filter, controller, sweep and study in conf/ must do; a new yaml is
+taken up by itself.
 
 An option that makes sense only together with others says so in a comment line of its yaml, which is
 then obeyed here: `# needs: system=scalar_linear filter=particle`.
@@ -37,7 +38,7 @@ def quick() -> Iterator[None]:
 
 
 def needs(group: str, option: str) -> dict[str, str]:
-    """Other options that this one's yaml asks for."""
+    """Returns other options that the yaml of an option asks for."""
     match = re.search(
         r"^# needs: (.+)$", (CONF / group / f"{option}.yaml").read_text(), re.MULTILINE
     )
@@ -45,7 +46,7 @@ def needs(group: str, option: str) -> dict[str, str]:
 
 
 def pairs(group: str) -> list[tuple[str, str]]:
-    """Every option of a group with every system it is meant for."""
+    """Returns every option of a group with every system that it is meant for."""
     return [
         (option, system)
         for option in OPTIONS[group]
@@ -56,7 +57,7 @@ def pairs(group: str) -> list[tuple[str, str]]:
 
 @cache
 def configured(group: str, option: str, system: str) -> dict[str, Any]:
-    """The small experiment of an option in a system."""
+    """Returns the configuration of a small experiment of an option in a system."""
     chosen = {"system": system} | needs("system", system) | needs(group, option) | {group: option}
     return compose(*(f"{name}={value}" for name, value in chosen.items()), *PLANNER)
 
@@ -67,7 +68,7 @@ def built(system: str) -> Experiment:
 
 
 def states(experiment: Experiment) -> np.ndarray:
-    """A few states around the prior and the goal."""
+    """Returns a few states (6, nx) around the prior and the goal."""
     rng = np.random.default_rng(1)
     ends = np.stack(
         [np.asarray(experiment.problem.prior_mean), np.asarray(experiment.problem.cost.goal)]
@@ -76,7 +77,7 @@ def states(experiment: Experiment) -> np.ndarray:
 
 
 def differences(function: Any, x: np.ndarray) -> np.ndarray:
-    """The Jacobian by central differences."""
+    """Returns the Jacobian by central differences."""
     steps = STEP * np.eye(len(x))
     return np.stack(
         [(np.asarray(function(x + h)) - np.asarray(function(x - h))) / (2 * STEP) for h in steps],

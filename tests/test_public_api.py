@@ -16,9 +16,9 @@ from helpers import light_dark_problem
 from mppi_belief.trial import run_trials
 from mppi_belief.trial_metrics import Metrics
 
-# cost, running cost, terminal cost, clearance (m), final distance (m), mean effective sample size of
-# trials 0, 1, 2 in double precision. A change of these numbers is a change of the algorithm: raise
-# config.cell.ALGORITHM_VERSION and say so in the changelog.
+# cost, running cost, terminal cost, clearance (m), final distance (m), mean effective sample size
+# of trials 0, 1, 2 in double precision. A change of these numbers is a change of the algorithm:
+# raise config.cell.ALGORITHM_VERSION and say so in the changelog.
 INF = float("inf")
 GOLDEN = {
     ("controller=belief", "experiment=reference_scenario"): [
@@ -57,7 +57,10 @@ def test_other_names_are_refused_as_modules_do():
 
 
 def test_importing_the_package_loads_neither_jax_nor_hydra(tmp_path):
-    code = "import sys, mppi_belief; print([name for name in ('jax', 'numpy', 'hydra', 'pandas') if name in sys.modules])"
+    code = (
+        "import sys, mppi_belief\n"
+        "print([name for name in ('jax', 'numpy', 'hydra', 'pandas') if name in sys.modules])"
+    )
     assert python(code, tmp_path) == "[]"
     assert (
         python("import sys, mppi_belief; mppi_belief.EKF; print('hydra' in sys.modules)", tmp_path)

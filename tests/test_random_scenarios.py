@@ -35,7 +35,8 @@ def test_covariances_weights_and_controls_hold_in_random_scenarios(system, metho
     names = random_scenarios.lost(found)
     assert [text is not None for text in said] == (names != "").tolist()
     assert np.all(np.isfinite(found.trial.controls[names == ""]))
-    # of the light-dark vehicle no scenario is impossible, of random systems the violently unstable are
+    # of the light-dark vehicle no scenario is impossible, of random systems the violently unstable
+    # are
     assert np.mean(names == "") == 1 if system == "light_dark" else 0.5 < np.mean(names == "") < 1
 
 
@@ -59,7 +60,9 @@ def test_two_measurements_of_a_rank_one_belief_a_million_times_their_noise_in_fl
 
 
 def test_a_step_that_takes_a_large_variance_away_keeps_the_small_one_beside_it():
-    """F = [[1, -1], [0, 1]] on perfectly correlated states: F Sigma F' itself has only rounding left of its first."""
+    """F = [[1, -1], [0, 1]] on perfectly correlated states: F Sigma F' itself has only rounding
+    left of its first.
+    """
     small = 1e-3
     root = np.array([[1.0, small], [1.0, 0.0]], np.float32) * 1e3
     after = np.asarray(tria(jnp.array([[1.0, -1.0], [0.0, 1.0]]) @ root), float)
@@ -102,7 +105,9 @@ def test_decorrelated_noise_is_diagonal(x64, rng):
 
 
 def test_a_riccati_step_keeps_slow_decay_beside_a_very_good_sensor_in_float32():
-    """Doubled as often as the information needs it, 1 + A dt / 2^s used to round to 1: nothing decayed."""
+    """Doubled as often as the information needs it, 1 + A dt / 2^s used to round to 1: nothing
+    decayed.
+    """
     A = jnp.diag(jnp.array([0.0, -1.0]))
     zero = jnp.zeros((2, 2))
     C = jnp.array([[1.0, 0.0]])

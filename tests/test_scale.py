@@ -50,7 +50,9 @@ def write_part(folder, trials, modified=None):
 
 
 class Planner:
-    """A subject whose control steps take 2 ns for each sample and step ahead, and 1 ms more in its first round."""
+    """A subject whose control steps take 2 ns for each sample and step ahead, and 1 ms more in its
+    first round.
+    """
 
     def __init__(self, name, fails=()):
         self.name = name

@@ -1,4 +1,6 @@
-"""The tutorial and the notebook: what they quote is what lies there, and what they tell to do works."""
+"""The tutorial and the notebook: what they quote is what lies there, and what they tell to do
+works.
+"""
 
 import json
 import re

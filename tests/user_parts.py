@@ -1,4 +1,6 @@
-"""Parts as a user might write them: some wrong, some unlucky. Named in configurations by `_target_`."""
+"""Parts as a user might write them: some wrong, some unlucky. Named in configurations by
+`_target_`.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -60,7 +62,9 @@ SPOILS: dict[str, Callable[[Array], Any]] = {
 
 @struct
 class Drifting:
-    """Two states, one control: x' = growth x^3 + (0, u); what `wrong` names is spoilt in the way of `how`."""
+    """Two states, one control: x' = growth x^3 + (0, u); what `wrong` names is spoilt in the way of
+    `how`.
+    """
 
     growth: float = number(0.0)
     wrong: str = choice("nothing", *SPOILABLE)
