@@ -1,7 +1,7 @@
-"""What a certificate holds: a statement of the paper, the numbers that test it, and the band of each number.
+"""What a certificate holds: a statement of the paper, the numbers that test it, their bands.
 
-`CERTIFICATE_NAMES` is the one list of certificates. Each name is a module of `mppi_belief.verify.certificates`, which
-derives its bands with `mppi_belief.verify.bands`.
+`CERTIFICATE_NAMES` is the one list of certificates. Each name is a module of
+`mppi_belief.verify.certificates`, which derives its bands with `mppi_belief.verify.bands`.
 """
 
 import math

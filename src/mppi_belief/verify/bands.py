@@ -1,11 +1,12 @@
 """Checks whose bands are derived, never tuned. Three derivations are implemented here.
 
-* Rounding: a number of operations times the machine epsilon times the size of the numbers that are rounded.
-* Monte Carlo: a quantile of Student's t at which a true statement fails with probability `FALSE_ALARM`, shared among
-  the points at which the check looks.
-* Discretisation: errors e(h) = C h^p (1 + c h + ...) have the observed order p + O(h). Halving h halves the distance
-  of the observed order from p. The observed order must therefore lie within twice its last change of p, and nearer to p
-  than the order on the coarser pair of grids.
+* Rounding: a number of operations times the machine epsilon times the size of the numbers that are
+  rounded.
+* Monte Carlo: a quantile of Student's t at which a true statement fails with probability
+  `FALSE_ALARM`, shared among the points at which the check looks.
+* Discretisation: errors e(h) = C h^p (1 + c h + ...) have the observed order p + O(h). Halving h
+  halves the distance of the observed order from p. The observed order must therefore lie within
+  twice its last change of p, and nearer to p than the order on the coarser pair of grids.
 
 Other bands are bounds that a certificate proves itself, or tolerances that were given to a solver.
 """

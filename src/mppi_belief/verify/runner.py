@@ -1,4 +1,10 @@
-"""Certificates side by side in a pool of processes; a failure of one does not keep the others from being seen."""
+"""Certificates computed side by side in a pool of processes. The runner promises:
+
+* a certificate that fails does not keep the others from being computed;
+* where a process dies, the certificates under way are computed once more, each in a process of its
+  own;
+* a caller that stops early ends the processes.
+"""
 
 import multiprocessing
 import time
@@ -14,48 +20,45 @@ from ..results.certificate import Certificate
 
 
 class CertificateOutcome(NamedTuple):
-    """The certificate of one module, or the error in one line that kept it from being computed; and the seconds."""
+    """Holds the certificate of one module, or the error that prevented it."""
 
     name: str
     certificate: Certificate | None
-    error: str
-    seconds: float
+    error: str  # one line, "" if there is a certificate
+    seconds: float  # computing time
 
 
 def certify(name: str, seed: int) -> CertificateOutcome:
-    """Compute the certificate of one module of `mppi_belief.verify`, in double precision."""
-    began = time.perf_counter()
+    """Computes the certificate of one module of `verify.certificates`, in double precision."""
+    start = time.perf_counter()
     try:
         with jax.enable_x64(True):
-            made = import_module(f"mppi_belief.verify.certificates.{name}").certify(seed)
+            module = import_module(f"mppi_belief.verify.certificates.{name}")
+            certificate = module.certify(seed)
     except Exception as error:
-        return _lost(name, error, time.perf_counter() - began)
-    return CertificateOutcome(name, made, "", time.perf_counter() - began)
+        return _failed(name, error, time.perf_counter() - start)
+    return CertificateOutcome(name, certificate, "", time.perf_counter() - start)
 
 
 def certify_all(
     names: Sequence[str], seed: int, workers: int, initializer: Callable[[], object]
 ) -> Generator[CertificateOutcome]:
-    """Yield the certificate of every name as it is done; `initializer` starts each of the `workers` processes.
-
-    Where a process dies, those that were under way are computed once more, each in a process of its own. A caller
-    that stops early ends the processes.
-    """
+    """Yields the outcome of every name as it arrives; `initializer` starts each worker process."""
     suspects = []
-    for name, done in _in_pool(names, seed, workers, initializer):
-        if done is None:
+    for name, outcome in _outcomes_of_pool(names, seed, workers, initializer):
+        if outcome is None:
             suspects.append(name)
         else:
-            yield done
+            yield outcome
     for suspect in suspects:
-        for name, done in _in_pool([suspect], seed, 1, initializer):
-            yield done or _lost(name, BrokenProcessPool("the process died twice"), 0.0)
+        for name, outcome in _outcomes_of_pool([suspect], seed, 1, initializer):
+            yield outcome or _failed(name, BrokenProcessPool("the process died twice"), 0.0)
 
 
-def _in_pool(
+def _outcomes_of_pool(
     names: Sequence[str], seed: int, workers: int, initializer: Callable[[], object]
 ) -> Generator[tuple[str, CertificateOutcome | None]]:
-    """Each name with what came of it, None where its process died."""
+    """Yields each name with its outcome, None where its process died."""
     context = multiprocessing.get_context("spawn")
     pool = ProcessPoolExecutor(min(workers, len(names)), context, initializer=initializer)
     try:
@@ -73,6 +76,6 @@ def _in_pool(
         pool.shutdown(cancel_futures=True)
 
 
-def _lost(name: str, error: Exception, seconds: float) -> CertificateOutcome:
+def _failed(name: str, error: Exception, seconds: float) -> CertificateOutcome:
     line = next(iter(str(error).splitlines()), "")
     return CertificateOutcome(name, None, f"{type(error).__name__}: {line}", seconds)

@@ -1,1 +1,1 @@
-"""Certificates of the paper's statements, one module each."""
+"""One certificate per module: the statement, the numbers, the bands and the panels."""

@@ -1,0 +1,121 @@
+"""Proposition 3 and the matching condition (15) at every step of a trial.
+
+Proposition 3 requires range(D_t) to be contained in, or equal to, range(G_t); Theorem 4, Corollary
+5 and Theorem 6 require D_t = lambda G_t R^-1 G_t' (15).
+"""
+
+import jax
+import numpy as np
+from jax import Array
+
+from ...matching.weights import (
+    best_constant_weight,
+    best_weight,
+    matched_weight,
+    numerical_rank,
+    residual,
+)
+from ...problem import Problem
+from ...results.certificate import Check
+from ..bands import EPSILON, at_most, near, rounding
+from .trial_path import TrialPath, schedule_operations
+
+CONSTANT_WEIGHT_TOLERANCE = (
+    1e-6  # root of the duality gap per step at which the search for one W ends
+)
+
+
+def matching_conditions(
+    problem: Problem, path: TrialPath, temperature: float
+) -> tuple[list[Check], str]:
+    """Returns Proposition 3 and (15) at every step, and in words what they mean together."""
+    means = path.schedule.mean[:-1]
+    D = path.schedule.diffusion
+    G = jax.vmap(problem.system.G)(means)
+    given_weight = matched_weight(problem.cost.R, temperature)
+    least, given = (
+        np.array([_weight_residual(d, g, W) for d, g, W in zip(D, G, weights, strict=True)])
+        for weights in (jax.vmap(best_weight)(D, G), [given_weight] * len(D))
+    )
+    operations = schedule_operations(problem)
+
+    # The gain's range is that of D = K R_o K', and rounding does not square its rank.
+    gains = np.asarray(path.schedule.gain)
+    equal_ranks = np.array(
+        [numerical_rank(K) == numerical_rank(g) for K, g in zip(gains, np.asarray(G), strict=True)]
+    )
+    equal_ranges = equal_ranks & (least <= operations * EPSILON)
+
+    Q = problem.system.H @ problem.system.H.T
+    checks = [
+        rounding(
+            "Proposition 3(i): largest eps* over the steps, 0 if range(D) is in range(G)",
+            np.max(least),
+            operations,
+        ),
+        rounding("the same: smallest eps* over the steps", np.min(least), operations),
+        near(
+            "Proposition 3(ii): share of the steps at which range(D) = range(G)",
+            float(np.mean(equal_ranges)),
+            1.0,
+            0.0,
+            "a count",
+        ),
+        rounding(
+            "(15) with this lambda and R: largest residual over the steps",
+            np.max(given),
+            operations,
+        ),
+        at_most(
+            "(15) with one W >= 0 for lambda R^-1 at all steps: RMS residual",
+            _constant_weight_residual(D, G),
+            CONSTANT_WEIGHT_TOLERANCE,
+            "accuracy of the search for it",
+        ),
+        rounding(
+            "Remark 1: residual of Q = lambda G R^-1 G', the state being known",
+            _weight_residual(Q, G[0], given_weight),
+            operations,
+        ),
+    ]
+    return checks, _reading(checks, steps_without_diffusion=int(np.sum(~np.any(D, axis=(1, 2)))))
+
+
+def _weight_residual(D: Array, G: Array, W: Array) -> float:
+    """Returns the residual of (15); for D = 0 it is 0 or infinite."""
+    if np.any(D):
+        return float(residual(D, G, W))
+    return float(np.inf) if np.any(G @ W @ G.T) else 0.0
+
+
+def _constant_weight_residual(D: Array, G: Array) -> float:
+    """Returns the RMS residual of (15) with the best single W for all steps; inf if all D are 0."""
+    if not np.any(D):
+        return float(np.inf)
+    constant = best_constant_weight(D, G)
+    return float(np.sqrt(max(constant.value, 0.0) / constant.steps))
+
+
+def _reading(checks: list[Check], steps_without_diffusion: int) -> str:
+    """Returns what the checks of `matching_conditions` mean."""
+    largest, smallest, equal, given, constant, _ = checks
+    if given.holds:
+        return (
+            "Matching (15) holds: Theorem 4, Corollary 5 and Theorem 6 are exact for the mean's "
+            "equation (12)."
+        )
+    if constant.holds and equal.holds:
+        return "Matching (15) does not hold with this lambda and R, but would with one other R."
+    if equal.holds:
+        return "Matching (15) would need an R that changes with time, while that of (2) is fixed."
+    if largest.holds:
+        without = f"; D = 0 at {steps_without_diffusion} steps" if steps_without_diffusion else ""
+        return (
+            "Matching (15) holds for no R > 0, since D has less rank than G "
+            f"(Proposition 3(ii)){without}."
+        )
+    return (
+        "Matching (15) holds for no R: part of the diffusion is out of reach of the controls, "
+        f"eps* = {smallest.value:.2f} to {largest.value:.2f}; "
+        "Theorem 4, Corollary 5 and Theorem 6 are approximations here."
+    )

@@ -1,0 +1,198 @@
+"""Closed loops of Algorithm 1 as printed on the platform with a steered sensor, and checks.
+
+`steered_platform` derives the excess cost c/N that the loops must have.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from ...controllers import MPPI
+from ...filters import EKF
+from ...planning.path_costs import RiskSensitive
+from ...planning.samplers import InnovationSampler
+from ...planning.schedules import SharedCovariance
+from ...problem import Problem
+from ...results.certificate import Check, Line, Panel
+from ...simulate import simulate_trial
+from ...trial_metrics import metrics
+from ..bands import at_least, largest_z, near, quantile, within_errors
+from ..estimates import standard_error
+from . import steered_platform
+from .steered_platform import PlatformExcess, PlatformOptimum
+
+SAMPLES = (64, 512)  # N
+TRIALS = 400
+UNLIMITED = 1e6  # signal-to-noise ratio of a sensor without limit; it needs up to 3
+LIMIT = 0.5  # largest signal-to-noise ratio of the limited sensor
+BATCH = 50  # trials simulated side by side
+
+
+class SteeredLoops(NamedTuple):
+    """Holds closed loops with one sensor."""
+
+    cost: np.ndarray  # (trials,)
+    form: np.ndarray  # (trials,), sum_k 1/2 e_k' S e_k
+
+
+def platform_algorithm(samples: int) -> MPPI:
+    """Returns Algorithm 1 as printed.
+
+    Its schedule is the filter's recursion, which compiles faster and has the same D.
+    """
+    return MPPI(
+        n_samples=samples,
+        horizon=steered_platform.HORIZON,
+        temperature=steered_platform.TEMPERATURE,
+        path_cost=RiskSensitive(at_step_end=False),
+        sampler=InnovationSampler(),
+        schedule=SharedCovariance(method="filter"),
+    )
+
+
+def steered_closed_loops(
+    optimum: PlatformOptimum, problem: Problem, samples: int, seed: int, limits: Sequence[float]
+) -> list[SteeredLoops]:
+    """Returns trials 0..TRIALS-1 for each limit of the sensor; the noise of a trial is the same."""
+
+    def loop(limit: Array, trial: Array) -> tuple[Array, Array]:
+        system: Any = problem.system
+        limited = replace(problem, system=replace(system, limit=limit))
+        done = simulate_trial(limited, EKF(), platform_algorithm(samples), seed, trial)
+        e = done.controls + done.beliefs.mean[:-1] @ optimum.K.T
+        return metrics(limited, done).cost, 0.5 * jnp.sum(e @ optimum.S * e)
+
+    def trials(limit: Array) -> tuple[Array, Array]:
+        return jax.lax.map(lambda trial: loop(limit, trial), jnp.arange(TRIALS), batch_size=BATCH)
+
+    run = jax.jit(trials, compiler_options={"xla_backend_optimization_level": 1})
+    return [SteeredLoops(*map(np.asarray, run(jnp.asarray(float(limit))))) for limit in limits]
+
+
+def platform_results(seed: int) -> tuple[list[Check], Panel]:
+    """Returns the checks and the figure of the closed loops."""
+    problem, optimum = steered_platform.platform()
+    predicted = steered_platform.platform_excess(optimum)
+    best = steered_platform.platform_optimal_cost(optimum)
+    few, many = (
+        steered_closed_loops(optimum, problem, samples, seed, [UNLIMITED, LIMIT])
+        for samples in SAMPLES
+    )
+    matched = [few[0], many[0]]
+    limited = [few[1].form, many[1].form]
+    checks = loop_checks(matched, limited, predicted, best)
+    return checks, _excess_panel([loops.form for loops in matched], limited, predicted, best)
+
+
+def infinite_sample_excess(forms: Sequence[np.ndarray]) -> np.ndarray:
+    """Returns the excess (trials,) for N -> infinity, from the forms at both N.
+
+    The excess is taken to be a + c/N.
+    """
+    few, many = SAMPLES
+    return (many * forms[1] - few * forms[0]) / (many - few)
+
+
+def loop_checks(
+    loops: Sequence[SteeredLoops],
+    limited: Sequence[np.ndarray],
+    predicted: PlatformExcess,
+    best: float,
+) -> list[Check]:
+    """Returns checks of loops with the matched sensor and forms with the limited one."""
+    few, many = SAMPLES
+    degrees = TRIALS - 1
+    both = f"N = {few} and {many}"
+    forms = [loop.form for loop in loops]
+
+    # Cost less form is the optimal cost.
+    cost_gaps = [(loop.cost - loop.form).mean() - best for loop in loops]
+    cost_errors = [standard_error(loop.cost - loop.form) for loop in loops]
+
+    # The form is c/N, up to the next term.
+    expected = predicted.per_sample / np.array(SAMPLES)
+    next_terms = predicted.next_term / np.array(SAMPLES)
+    means = np.array([form.mean() for form in forms])
+    errors = np.array([standard_error(form) for form in forms])
+    unexplained = np.maximum(np.abs(means - expected) - expected * next_terms, 0) / errors
+
+    # The rate between both N.
+    span = math.log(many / few)
+    slope = math.log(means[1] / means[0]) / math.log(many / few)
+    slope_spread = quantile(1, degrees) * standard_error(forms[1] / means[1] - forms[0] / means[0])
+
+    # The limit for N -> infinity, with each sensor.
+    limit = infinite_sample_excess(forms)
+    limited_limit = infinite_sample_excess(limited)
+    allowed = predicted.per_sample * predicted.next_term / few / many
+    lowest = limited_limit.mean() - quantile(1, degrees) * standard_error(limited_limit)
+    return [
+        largest_z(
+            f"platform: cost less Σ ½ e'Se less the optimal cost, {both}",
+            np.array(cost_gaps) / cost_errors,
+            degrees,
+        ),
+        largest_z(
+            f"platform: Σ ½ e'Se less c/N, {both}, next term allowed for", unexplained, degrees
+        ),
+        near(
+            f"platform: slope of log excess over log N, {both}",
+            slope,
+            -1.0,
+            (slope_spread + next_terms[0]) / span,
+            "1/N; standard errors, and the next term at the smaller N",
+        ),
+        within_errors(
+            f"platform: excess for N → ∞, {both}",
+            limit.mean(),
+            0.0,
+            standard_error(limit),
+            degrees,
+            allowed,
+        ),
+        at_least(
+            f"platform, sensor limited to {LIMIT:g}: the same, lower end",
+            lowest,
+            allowed,
+            "a sensor that matches would have the next term left",
+        ),
+    ]
+
+
+def _excess_panel(
+    forms: Sequence[np.ndarray],
+    limited: Sequence[np.ndarray],
+    predicted: PlatformExcess,
+    best: float,
+) -> Panel:
+    grid = np.geomspace(*SAMPLES, 40)
+    lines = [
+        Line("c/N, predicted", grid.tolist(), list(100 * predicted.per_sample / grid / best)),
+        _form_points("sensor chosen to match", forms, best),
+        _form_points(f"the same, limited to {LIMIT:g}", limited, best),
+    ]
+    return Panel(
+        "Excess cost of Algorithm 1, four states",
+        "samples N",
+        "excess cost (% of the optimum)",
+        lines,
+        "xy",
+    )
+
+
+def _form_points(label: str, forms: Sequence[np.ndarray], best: float) -> Line:
+    """Returns means over trials with intervals, in per cent of the optimum."""
+    means = np.array([form.mean() for form in forms])
+    errors = np.array([standard_error(form) for form in forms])
+    half_width = quantile(1, TRIALS - 1) * errors
+    low, high = (
+        list(100 * end / best)
+        for end in (np.maximum(means - half_width, means / 10), means + half_width)
+    )
+    return Line(label, list(SAMPLES), list(100 * means / best), "points", low, high)
