@@ -215,11 +215,11 @@ def _text(predicted: PredictedExcess, best: float) -> str:
         "Algorithm 1 as printed was run in closed loop on a scalar system that is matched at the "
         "steady state of (8b), against LQG with the same noise. Its excess cost equals the "
         "quadratic form of its control errors and falls as 1/N, at the rate that Gaussian "
-        f"integrals predict; {100 * predicted.floor / best:.2f} % of the optimum remains for "
-        "N → ∞, because the filter of a sampled measurement settles O(Δt) off that steady state. "
-        "With D = λb²/R at every step, (19) is the discrete LQG control for any Δt: that check is algebra and "
-        "uses no sampling code. The problem has one state and a quadratic cost: the certificate "
-        "does not cover several states, or systems where the matching condition fails."
+        f"integrals predict; {100 * predicted.floor / best:.2f} % of the optimum remains for N → "
+        "∞, because the filter of a sampled measurement settles O(Δt) off that steady state. With "
+        "D = λb²/R at every step, (19) is the discrete LQG control for any Δt: that check is "
+        "algebra and uses no sampling code. The problem has one state and a quadratic cost: the "
+        "certificate does not cover several states, or systems where the matching condition fails."
     )
 
 
