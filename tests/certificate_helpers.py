@@ -1,14 +1,18 @@
-"""What every certificate must be."""
+"""Assertions about certificates."""
 
 import numpy as np
 
 from mppi_belief.results.certificate import Certificate
 
+LONGEST_NUMBER = 90  # characters of a check's name that fit a table
+LONGEST_BAND = 80  # characters of a band's source that fit a table
+
 
 def assert_holds(certificate: Certificate) -> None:
-    """It holds, its texts fit a table, its curves can be drawn."""
+    """Assert that all checks hold, that their texts fit a table, and that all curves can be drawn."""
     assert certificate.holds, [check for check in certificate.checks if not check.holds]
-    assert all(
-        len(check.computed) <= 90 and len(check.derived) <= 80 for check in certificate.checks
-    )
-    assert all(np.all(np.isfinite(line.y)) for panel in certificate.panels for line in panel.lines)
+    for check in certificate.checks:
+        assert len(check.computed) <= LONGEST_NUMBER
+        assert len(check.derived) <= LONGEST_BAND
+    for panel in certificate.panels:
+        assert all(np.all(np.isfinite(line.y)) for line in panel.lines)

@@ -73,7 +73,7 @@ def riccati_flow(
         S = flat.reshape(cov.shape)
         return (A @ S + S @ A.T + Q - S @ C.T @ np.linalg.inv(R_o) @ C @ S).ravel()
 
-    return _integrate(rate, cov.ravel(), duration).reshape(cov.shape)
+    return integrate(rate, cov.ravel(), duration).reshape(cov.shape)
 
 
 def belief_flow(
@@ -90,10 +90,10 @@ def belief_flow(
             [model.A @ x + model.B @ u, (model.A @ S + S @ model.A.T + model.Q - D).ravel()]
         )
 
-    return _integrate(rate, np.concatenate([mean, cov.ravel()]), duration)[n:].reshape(n, n)
+    return integrate(rate, np.concatenate([mean, cov.ravel()]), duration)[n:].reshape(n, n)
 
 
-def _integrate(
+def integrate(
     rate: Callable[[float, np.ndarray], np.ndarray], start: np.ndarray, duration: float
 ) -> np.ndarray:
     return solve_ivp(rate, (0, duration), start, method="DOP853", rtol=1e-12, atol=1e-14).y[:, -1]
@@ -306,5 +306,5 @@ def lqg_feedback(
     """-R^-1 b P(0) mean, P from the control Riccati equation -dP/dt = q + 2 a P - (b P)^2 / R, P(T)
     = q_T.
     """
-    P = _integrate(lambda _, p: q + 2 * a * p - (b * p) ** 2 / R, np.array([q_T]), duration)[0]
+    P = integrate(lambda _, p: q + 2 * a * p - (b * p) ** 2 / R, np.array([q_T]), duration)[0]
     return -b * P * mean / R

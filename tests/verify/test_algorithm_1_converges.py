@@ -11,6 +11,8 @@ from helpers import SIGMAS, float64
 from mppi_belief.results.certificate import Certificate
 from mppi_belief.verify.bands import quantile
 from mppi_belief.verify.certificates import algorithm_1 as a1
+from mppi_belief.verify.estimates import standard_error
+from mppi_belief.verify.scenarios import stationary_scalar as scalar
 
 TRIALS = 300
 
@@ -22,10 +24,10 @@ def certificate() -> Certificate:
 
 
 @pytest.fixture(scope="module")
-def expected() -> a1.Expected:
+def expected() -> scalar.PredictedExcess:
     with float64():
-        problem, optimum = a1.stationary_problem()
-        return a1.expected_excess(problem, optimum, *a1.filtered_law(problem))
+        problem, optimum = scalar.stationary_problem()
+        return scalar.predicted_excess(problem, optimum, *scalar.filter_law(problem))
 
 
 def forms_like(excess: np.ndarray) -> np.ndarray:
@@ -35,15 +37,13 @@ def forms_like(excess: np.ndarray) -> np.ndarray:
 
 
 def verdicts(
-    forms: np.ndarray, expected: a1.Expected, paired: np.ndarray | None = None
+    forms: np.ndarray, expected: scalar.PredictedExcess, paired: np.ndarray | None = None
 ) -> list[bool]:
     noise = np.random.default_rng(1).normal(size=forms.shape)
     noise -= noise.mean(axis=1, keepdims=True)
     return [
         c.holds
-        for c in a1._excess_checks(
-            forms + noise if paired is None else paired, forms, expected, 3.0
-        )
+        for c in a1.excess_checks(forms + noise if paired is None else paired, forms, expected, 3.0)
     ]
 
 
@@ -71,7 +71,7 @@ def test_points_whose_interval_reaches_below_zero_are_drawn(certificate):
     assert np.all(
         np.less(0, paired.low) & np.less(paired.low, paired.y) & np.less(paired.y, paired.high)
     )
-    wide = a1._points("", np.array([[-1.0, 3.0, 1.0], [-1.0, -3.0, -1.0]] * 2), 100.0)
+    wide = a1.excess_points("", np.array([[-1.0, 3.0, 1.0], [-1.0, -3.0, -1.0]] * 2), 100.0)
     assert list(wide.x) == [a1.SAMPLES[0], a1.SAMPLES[2]]
     np.testing.assert_allclose(wide.low, 0.1)
 
@@ -83,23 +83,23 @@ def test_a_cost_that_is_not_the_quadratic_form_is_seen(expected):
 
 
 def test_another_temperature_than_the_matched_one_does_not_cost_what_is_predicted(expected, x64):
-    problem, optimum = a1.stationary_problem()
-    warm = dataclasses.replace(a1.printed(1024), temperature=2 * a1.TEMPERATURE)
+    problem, optimum = scalar.stationary_problem()
+    warm = dataclasses.replace(a1.receding_algorithm(1024), temperature=2 * scalar.TEMPERATURE)
     run = a1.closed_loops(problem, warm, 0, 50)
     form = 0.5 * optimum.hessian * np.sum((run.control + optimum.gain * run.mean) ** 2, axis=1)
-    assert form.mean() - expected.excess(1024) > quantile(1, 49) * a1.standard_error(form)
+    assert form.mean() - expected.excess(1024) > quantile(1, 49) * standard_error(form)
 
 
 def test_a_controller_that_is_not_the_optimum_is_seen(x64):
-    problem, optimum = a1.stationary_problem()
-    mean = np.ones((10, a1.STEPS))
-    best = a1.optimal_cost(problem, optimum, a1.filtered_law(problem)[0])
+    problem, optimum = scalar.stationary_problem()
+    mean = np.ones((10, scalar.STEPS))
+    best = scalar.scalar_optimal_cost(problem, optimum, scalar.filter_law(problem)[0])
     costs = best + np.linspace(-1, 1, 10)
-    off = a1.Loops(costs, mean, -(optimum.gain + 1e-6) * mean)
-    assert [c.holds for c in a1._optimum_checks(problem, optimum, best, off)] == [True, False, True]
+    off = a1.ScalarLoops(costs, mean, -(optimum.gain + 1e-6) * mean)
+    assert [c.holds for c in a1.optimum_checks(problem, optimum, best, off)] == [True, False, True]
     wrong = optimum._replace(gain=optimum.gain * (1 + 1e-6))
-    right = a1.Loops(costs + 10, mean, -wrong.gain * mean)
-    assert [c.holds for c in a1._optimum_checks(problem, wrong, best, right)] == [
+    right = a1.ScalarLoops(costs + 10, mean, -wrong.gain * mean)
+    assert [c.holds for c in a1.optimum_checks(problem, wrong, best, right)] == [
         False,
         True,
         False,
@@ -111,17 +111,17 @@ def test_the_tilted_paths_are_those_of_the_reference(tau, monkeypatch):
     """Against the precision matrix of all increments at once."""
     a, b, q, q_T, dt, steps, D, mean = (
         0.3,
-        a1.CONTROL_GAIN,
-        a1.STATE_WEIGHT,
+        scalar.CONTROL_GAIN,
+        scalar.STATE_WEIGHT,
         1.7,
-        a1.DT,
+        scalar.DT,
         6,
         0.4,
         1.1,
     )
-    monkeypatch.setattr(a1, "DRIFT", a)
+    monkeypatch.setattr(scalar, "DRIFT", a)
     exact = reference.gaussian_paths(a, b, D, q, q_T, mean, dt, steps, tau)
-    tilt = a1.tilted(np.full((1, steps), D), q_T, tau)
+    tilt = scalar.weighted_paths(np.full((1, steps), D), q_T, tau)
     assert -tilt.pull[0] * mean / (b * dt) == pytest.approx(exact.control, rel=1e-12)
     assert -tilt.value[0] * mean**2 / (2 * tau) - tilt.constant[0] == pytest.approx(
         exact.log_psi, rel=1e-12
@@ -130,32 +130,32 @@ def test_the_tilted_paths_are_those_of_the_reference(tau, monkeypatch):
 
 def test_the_optimal_cost_is_that_of_the_joint_second_moments(x64):
     """Of the state and its estimate, step by step."""
-    problem, optimum = a1.stationary_problem()
-    covs, innovations = a1.filtered_law(problem)
-    R, B, K = float(problem.cost.R[0, 0]), a1.CONTROL_GAIN * a1.DT, optimum.gain
+    problem, optimum = scalar.stationary_problem()
+    covs, innovations = scalar.filter_law(problem)
+    R, B, K = float(problem.cost.R[0, 0]), scalar.CONTROL_GAIN * scalar.DT, optimum.gain
     square = float(problem.prior_mean[0]) ** 2  # E mu^2; E x^2 is that and the covariance
     cost = 0.0
     for cov, innovation in zip(covs, innovations, strict=True):
-        cost += 0.5 * (a1.STATE_WEIGHT * (square + cov) + R * K**2 * square) * a1.DT
+        cost += 0.5 * (scalar.STATE_WEIGHT * (square + cov) + R * K**2 * square) * scalar.DT
         square = (1 - B * K) ** 2 * square + innovation
-    last = covs[-1] + a1.NOISE**2 * a1.DT - innovations[-1]
+    last = covs[-1] + scalar.NOISE**2 * scalar.DT - innovations[-1]
     cost += 0.5 * optimum.value * (square + last)
-    assert a1.optimal_cost(problem, optimum, covs) == pytest.approx(cost, rel=1e-12)
+    assert scalar.scalar_optimal_cost(problem, optimum, covs) == pytest.approx(cost, rel=1e-12)
 
 
 def test_the_prediction_is_the_spread_of_a_ratio_of_averages(x64):
     """Of the first control alone, from paths sampled in NumPy; the mean it starts from is known."""
-    problem, optimum = a1.stationary_problem()
-    covs, innovations = (part[:1] for part in a1.filtered_law(problem))
-    found = a1.expected_excess(problem, optimum, covs, innovations)
-    D, rng = a1.planned_diffusions(problem, covs)[0], np.random.default_rng(0)
+    problem, optimum = scalar.stationary_problem()
+    covs, innovations = (part[:1] for part in scalar.filter_law(problem))
+    predicted = scalar.predicted_excess(problem, optimum, covs, innovations)
+    D, rng = scalar.planned_diffusions(problem, covs)[0], np.random.default_rng(0)
     pushed, B = (
-        np.sqrt(D * a1.DT)[:, None] * rng.normal(size=(len(D), 400_000)),
-        a1.CONTROL_GAIN * a1.DT,
+        np.sqrt(D * scalar.DT)[:, None] * rng.normal(size=(len(D), 400_000)),
+        scalar.CONTROL_GAIN * scalar.DT,
     )
     mu = 1 + np.vstack([0 * pushed[:1], np.cumsum(pushed, axis=0)])
     w = np.exp(
-        -0.5 * a1.STATE_WEIGHT * a1.DT * np.sum(mu[:-1] ** 2, axis=0)
+        -0.5 * scalar.STATE_WEIGHT * scalar.DT * np.sum(mu[:-1] ** 2, axis=0)
         - 0.5 * optimum.value * mu[-1] ** 2
     )
     w /= w.mean()
@@ -163,8 +163,10 @@ def test_the_prediction_is_the_spread_of_a_ratio_of_averages(x64):
     wrong = np.mean(w * error)
     # E e^2 for N samples: wrong^2 + (spread + 2 wrong bias) / N
     sampling = w**2 * (error - wrong) ** 2 - 2 * wrong * w**2 * (error - wrong)
-    shift = math.sqrt(2 * found.floor / optimum.hessian)
-    assert abs(wrong) == pytest.approx(shift, abs=SIGMAS * a1.standard_error(w * (error - wrong)))
-    tolerance = SIGMAS * 0.5 * optimum.hessian * a1.standard_error(sampling)
-    assert 0.5 * optimum.hessian * sampling.mean() == pytest.approx(found.per_sample, abs=tolerance)
-    assert np.mean(w**2) == pytest.approx(found.next_term, abs=SIGMAS * a1.standard_error(w**2))
+    shift = math.sqrt(2 * predicted.floor / optimum.hessian)
+    assert abs(wrong) == pytest.approx(shift, abs=SIGMAS * standard_error(w * (error - wrong)))
+    tolerance = SIGMAS * 0.5 * optimum.hessian * standard_error(sampling)
+    assert 0.5 * optimum.hessian * sampling.mean() == pytest.approx(
+        predicted.per_sample, abs=tolerance
+    )
+    assert np.mean(w**2) == pytest.approx(predicted.next_term, abs=SIGMAS * standard_error(w**2))

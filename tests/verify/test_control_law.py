@@ -15,10 +15,19 @@ from mppi_belief.planning import path_integral as pi
 from mppi_belief.planning.samplers import innovation
 from mppi_belief.planning.schedules import shared
 from mppi_belief.results.certificate import Certificate
-from mppi_belief.verify import pde, transient, underactuated
 from mppi_belief.verify.bands import largest_z
 from mppi_belief.verify.certificates import control_law as law
-from mppi_belief.verify.matched_problem import Matched, Steady, equation, matched_problem, steady
+from mppi_belief.verify.scenarios import control_samples as samples
+from mppi_belief.verify.scenarios import double_integrator as integrator
+from mppi_belief.verify.scenarios import light_dark_by_hand as by_hand
+from mppi_belief.verify.scenarios.matched_scalar import (
+    MatchedProblem,
+    SteadySchedule,
+    matched_problem,
+    scalar_equation,
+    steady_schedule,
+)
+from mppi_belief.verify.solvers.scalar_equations import ScalarEquation
 
 KEY = 5
 
@@ -30,18 +39,18 @@ def certificate() -> Iterator[Certificate]:
 
 
 @pytest.fixture(scope="module")
-def setting() -> Iterator[tuple[Matched, Steady, pde.Equation]]:
+def setting() -> Iterator[tuple[MatchedProblem, SteadySchedule, ScalarEquation]]:
     with float64():
         matched = matched_problem(steps=law.STEPS[0])
-        along = steady(matched.problem, matched.cov)
-        yield matched, along, equation(matched, along)
+        along = steady_schedule(matched.problem, matched.cov)
+        yield matched, along, scalar_equation(matched, along)
 
 
 @pytest.fixture(scope="module")
-def double_integrator() -> Iterator[tuple[mb.Problem, np.ndarray, float, Steady]]:
+def double_integrator() -> Iterator[tuple[mb.Problem, np.ndarray, float, SteadySchedule]]:
     with float64():
-        problem, cov, temperature = underactuated.underactuated()
-        yield problem, cov, temperature, steady(problem, cov)
+        problem, cov, temperature = integrator.double_integrator()
+        yield problem, cov, temperature, steady_schedule(problem, cov)
 
 
 def test_the_certificate_holds(certificate):
@@ -53,26 +62,33 @@ def test_the_certificate_holds(certificate):
 def test_another_control_map_shows_in_the_limit(setting, factor, holds):
     matched, _, terms = setting
     with float64():
-        expected = np.stack([law.exact(matched, terms, H, law.MEANS) for H in law.STEPS])
-        assert law._limit(factor * expected, *law.optimal(matched, terms, law.MEANS)).holds == holds
+        expected = np.stack(
+            [samples.exact_control(matched, terms, H, samples.MEANS) for H in law.STEPS]
+        )
+        assert (
+            law.short_step_check(
+                factor * expected, *samples.optimal_control(matched, terms, samples.MEANS)
+            ).holds
+            == holds
+        )
 
 
 def test_another_cost_shows_in_the_linear_quadratic_case(setting, monkeypatch):
     along = setting[1]
     with float64():
-        assert law._linear_quadratic(along).holds
+        assert law.quadratic_cost_check(along).holds
         monkeypatch.setattr(law, "matched_problem", lambda w_obs, theta: matched_problem(1e-6, 0.0))
-        assert not law._linear_quadratic(along).holds
+        assert not law.quadratic_cost_check(along).holds
 
 
 def test_another_temperature_shows_in_the_samples(setting):
     matched, _, terms = setting
     with float64():
         for factor, holds in ((1.0, True), (1.2, False)):
-            sampled = law.sample(
+            sampled = samples.sample_controls(
                 matched._replace(temperature=factor * 0.6), terms, jax.random.key(KEY)
             )
-            assert largest_z("", sampled.z, law.KEYS - 1).holds == holds
+            assert largest_z("", sampled.z, samples.KEYS - 1).holds == holds
 
 
 def test_bias_and_variance_of_the_estimate_are_those_of_samples(rng):
@@ -80,8 +96,8 @@ def test_bias_and_variance_of_the_estimate_are_those_of_samples(rng):
     N, batches, mean = 100, 20_000, -0.5
     with float64():
         matched = matched_problem(steps=1)
-        terms = equation(matched, steady(matched.problem, matched.cov))
-        found = law.estimate(matched, terms, np.array([mean]))
+        terms = scalar_equation(matched, steady_schedule(matched.problem, matched.cov))
+        estimate = samples.control_estimate(matched, terms, np.array([mean]))
         pushed = np.sqrt(terms.diffusion) * rng.normal(size=(batches, N))
         weights = np.exp(
             -terms.terminal((mean * (1 + terms.drift) + pushed).ravel()) / terms.temperature
@@ -89,10 +105,10 @@ def test_bias_and_variance_of_the_estimate_are_those_of_samples(rng):
     weights = weights.reshape(batches, N)
     u = np.sum(weights * pushed, axis=1) / np.sum(weights, axis=1) / 0.8  # b
     error = u.std() / np.sqrt(batches)
-    assert abs(found.bias[0] / N) > 2 * error
-    assert abs(u.mean() - found.control[0] - found.bias[0] / N) < SIGMAS * error
+    assert abs(estimate.bias[0] / N) > 2 * error
+    assert abs(u.mean() - estimate.control[0] - estimate.bias[0] / N) < SIGMAS * error
     assert N * u.var() == pytest.approx(
-        found.variance[0], rel=SIGMAS * np.sqrt(2 / batches) + 5 / N
+        estimate.variance[0], rel=SIGMAS * np.sqrt(2 / batches) + 5 / N
     )
 
 
@@ -110,10 +126,10 @@ def test_the_diffusion_of_the_double_integrator_has_rank_one(double_integrator):
 def test_a_diffusion_beside_the_control_channel_shows(double_integrator):
     problem, _, temperature, along = double_integrator
     with float64():
-        assert all(check.holds for check in underactuated._algebra(problem, along, temperature))
+        assert all(check.holds for check in integrator.algebra_checks(problem, along, temperature))
         beside = along._replace(diffusion=along.diffusion + 1e-6 * jnp.eye(2))
         assert not any(
-            check.holds for check in underactuated._algebra(problem, beside, temperature)
+            check.holds for check in integrator.algebra_checks(problem, beside, temperature)
         )
 
 
@@ -121,7 +137,7 @@ def test_a_control_map_that_sees_the_rest_of_the_space_shows(double_integrator, 
     problem, _, temperature, along = double_integrator
     monkeypatch.setattr(pi, "control_map", lambda G, R: jnp.array([[1e-9, 1.0]]))
     with float64():
-        matching, mapped = underactuated._algebra(problem, along, temperature)
+        matching, mapped = integrator.algebra_checks(problem, along, temperature)
     assert matching.holds
     assert not mapped.holds
 
@@ -138,8 +154,8 @@ def test_the_double_integrators_exact_control_is_lqg_of_the_same_steps(double_in
                 problem, mb.Belief(state, jnp.asarray(cov)), plan, jax.random.key(0)
             )[0][0]
 
-        for state in underactuated.STATES:
-            u = underactuated.exact(problem, along, temperature, state, problem.steps)
+        for state in integrator.STATES:
+            u = integrator.expected_control(problem, along, temperature, state, problem.steps)
             assert float(act(problem, state)) == pytest.approx(u, abs=1e-11)
 
 
@@ -147,45 +163,47 @@ def test_the_increment_is_that_of_the_tilted_gaussian_by_quadrature(double_integ
     """One step: eps_0 alone, on a fine grid."""
     problem, _, temperature, along = double_integrator
     L, start, cost = np.asarray(along.factors[0, :, 0]), np.array([1.5, -0.5]), problem.cost
-    F = np.eye(2) + np.array([[0.0, 1.0], [0.0, 0.0]]) * underactuated.DURATION
+    F = np.eye(2) + np.array([[0.0, 1.0], [0.0, 0.0]]) * integrator.DURATION
     eps = np.linspace(-9, 9, 2001)
     away = (F @ start - np.asarray(cost.goal))[:, None] + L[:, None] * eps
     weights = np.exp(-(eps**2) / 2 - np.asarray(cost.terminal_weight) @ away**2 / (2 * temperature))
     mean = weights @ eps / weights.sum()
-    assert underactuated.tilted_increment(problem, L, temperature, start, 1) == pytest.approx(
+    assert integrator.weighted_increment(problem, L, temperature, start, 1) == pytest.approx(
         mean, rel=1e-10
     )
 
 
 @pytest.fixture(scope="module")
-def flight(certificate) -> Iterator[tuple[mb.Problem, transient.Run]]:
+def flight(certificate) -> Iterator[tuple[mb.Problem, by_hand.PackageRun]]:
     with float64():
-        problem = transient.transient_problem()
-        yield problem, transient.run(problem, jax.random.key(KEY))
+        problem = by_hand.moving_problem()
+        yield problem, by_hand.package_run(problem, jax.random.key(KEY))
 
 
 def test_the_schedule_is_in_transit(flight):
     """D_k, Sigma_k and the cost of one mean change with k; the weights are neither even nor those of a few paths."""
-    problem, found = flight
+    problem, run = flight
     with float64():
-        for i, start in enumerate(transient.STARTS):
-            covs, diffusions = transient.riccati(problem, start)
+        for i, start in enumerate(by_hand.STARTS):
+            covs, diffusions = by_hand.riccati_by_hand(problem, start)
             assert np.linalg.norm(diffusions[-1] - diffusions[0]) > np.linalg.norm(diffusions[0])
             # but for the trace of (4), which is the same for all paths
             traces = np.trace(np.diag(problem.cost.running_weight) @ covs, axis1=1, axis2=2) / 2
-            q = [transient.running(problem, start[:, None], cov)[0] for cov in covs] - traces
+            q = [by_hand.risk_by_hand(problem, start[:, None], cov)[0] for cov in covs] - traces
             assert np.ptp(q) > 0.1
-            costs = transient.printed(problem, start, found.factors[i], found.eps[i]).costs
+            costs = by_hand.hand_run(problem, start, run.factors[i], run.eps[i]).costs
             w = np.exp(-costs) / np.exp(-costs).sum()
-            assert 5 < 1 / np.sum(w**2) < 0.75 * transient.SAMPLES
+            assert 5 < 1 / np.sum(w**2) < 0.75 * by_hand.SAMPLES
 
 
 def test_factors_of_another_diffusion_show(flight):
-    problem, found = flight
-    one = transient.STARTS[0], found.factors[0], found.eps[0]
+    problem, run = flight
+    start = by_hand.STARTS[0]
+    factors = run.factors[0]
+    eps = run.eps[0]
     with float64():
-        assert transient.printed(problem, *one).factor_error < 1e-13
-        assert transient.printed(problem, one[0], 1.001 * one[1], one[2]).factor_error > 1e-4
+        assert by_hand.hand_run(problem, start, factors, eps).factor_error < 1e-13
+        assert by_hand.hand_run(problem, start, 1.001 * factors, eps).factor_error > 1e-4
 
 
 COSTS, WEIGHTS, FACTORS = shared.accumulated_costs, pi.weights, innovation.diffusion_factors
@@ -215,20 +233,20 @@ MUTATIONS = {
 @pytest.mark.parametrize("mutation", MUTATIONS)
 def test_any_other_algorithm_shows_line_by_line(monkeypatch, x64, mutation):
     monkeypatch.setattr(*MUTATIONS[mutation])
-    run = transient._run
+    planned_controls = by_hand.planned_controls
     monkeypatch.setattr(
-        transient, "_run", lambda *args: run(*args)
+        by_hand, "planned_controls", lambda *args: planned_controls(*args)
     )  # another function for the compiler
-    check = transient.transient_check(jax.random.key(KEY))
+    check = by_hand.line_by_line_check(jax.random.key(KEY))
     assert check.value > 1e4 * check.high
 
 
 def test_the_grids_expectations_are_those_of_the_closed_forms(x64):
-    problem, cov = transient.transient_problem(), transient.COV
+    problem, cov = by_hand.moving_problem(), by_hand.COV
     exact = [
-        risk_sensitive(problem, jnp.asarray(m), jnp.asarray(cov), transient.THETA)
-        for m in transient.STARTS
+        risk_sensitive(problem, jnp.asarray(m), jnp.asarray(cov), by_hand.THETA)
+        for m in by_hand.STARTS
     ]
     np.testing.assert_allclose(
-        transient.running(problem, transient.STARTS.T, cov), exact, rtol=1e-12
+        by_hand.risk_by_hand(problem, by_hand.STARTS.T, cov), exact, rtol=1e-12
     )

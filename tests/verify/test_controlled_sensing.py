@@ -4,17 +4,22 @@ import numpy as np
 import pytest
 
 from helpers import float64
-from mppi_belief.verify import steered_loops as sl
 from mppi_belief.verify.bands import quantile
 from mppi_belief.verify.certificates import controlled_sensing as cs
+from mppi_belief.verify.estimates import standard_error
+from mppi_belief.verify.scenarios import sensing_systems as systems
+from mppi_belief.verify.scenarios import steered_loops as sl
+from mppi_belief.verify.scenarios import steered_platform as platform
 
 pytestmark = pytest.mark.long
 
 
 @pytest.fixture(scope="module")
-def four() -> cs.Along:
+def four() -> systems.SensingSchedule:
     with float64():
-        return cs.followed(cs.problem(np.random.default_rng(0), 4, 2), "riccati")
+        return systems.sensing_schedule(
+            systems.random_sensing_problem(np.random.default_rng(0), 4, 2), "riccati"
+        )
 
 
 def holds(checks: list) -> list[bool]:
@@ -22,38 +27,43 @@ def holds(checks: list) -> list[bool]:
 
 
 def test_two_states_are_matched_and_another_schedule_is_seen(x64):
-    way = cs.followed(cs.problem(np.random.default_rng(1), 2, 2))
-    assert holds(cs._matched([way])) == [True, True]
-    schedule = way.schedule._replace(cov=way.schedule.cov.at[5].multiply(1 + 1e-9))
-    assert holds(cs._matched([way._replace(schedule=schedule)])) == [True, False]
-    assert holds(cs._matched([way._replace(left=way.left + 1e-9)])) == [False, True]
+    problem = systems.random_sensing_problem(np.random.default_rng(1), 2, 2)
+    sensing = systems.sensing_schedule(problem)
+    assert holds(cs.matched_schedule_checks([sensing])) == [True, True]
+    schedule = sensing.schedule._replace(cov=sensing.schedule.cov.at[5].multiply(1 + 1e-9))
+    assert holds(cs.matched_schedule_checks([sensing._replace(schedule=schedule)])) == [True, False]
+    assert holds(
+        cs.matched_schedule_checks([sensing._replace(residuals=sensing.residuals + 1e-9)])
+    ) == [False, True]
 
 
-def test_the_value_is_met_at_order_one_and_a_diffusion_off_by_a_tenth_is_seen(
-    four, x64, monkeypatch
-):
-    assert holds(cs._value(four, 0)) == [True] * 4
-    monkeypatch.setattr(cs, "_sampled", lambda way, seed: None)
+def test_the_value_is_met_at_order_one_and_a_diffusion_off_by_a_tenth_is_seen(four, x64):
+    assert holds(cs.value_checks(four, 0)) == [True] * 4
     schedule = four.schedule._replace(diffusion=1.1 * four.schedule.diffusion)
-    _, value, hjb, _ = cs._value(four._replace(schedule=schedule), 0)
+    value, residual = cs.value_order_checks(four._replace(schedule=schedule))
     assert not value.holds
-    assert not hjb.holds
+    assert not residual.holds
 
 
 def test_the_closed_value_is_the_limit_of_the_control_riccati_recursion(four):
-    P, constant = cs.closed_value(four.at)
-    system, cost, n = four.at.system, four.at.cost, 20000
-    dt, A, authority = cs.DURATION / n, np.asarray(system.A), cs._authority(four.at)
-    found, total, q = np.diag(cost.terminal_weight), 0.0, np.diag(cost.running_weight)
-    for _ in range(n):
-        total += 0.5 * cs.TEMPERATURE * dt * np.trace(found @ authority)
-        found = found + dt * (q + A.T @ found + found @ A - found @ authority @ found)
-    np.testing.assert_allclose(P, found, rtol=1e-3, atol=1e-3)
+    P, constant = systems.hamiltonian_value(four.problem)
+    cost = four.problem.cost
+    steps = 20000
+    dt = systems.DURATION / steps
+    A = np.asarray(four.problem.system.A)
+    authority = systems.control_authority(four.problem)
+    q = np.diag(cost.running_weight)
+    value = np.diag(cost.terminal_weight)
+    total = 0.0
+    for _ in range(steps):
+        total += 0.5 * systems.TEMPERATURE * dt * np.trace(value @ authority)
+        value = value + dt * (q + A.T @ value + value @ A - value @ authority @ value)
+    np.testing.assert_allclose(P, value, rtol=1e-3, atol=1e-3)
     np.testing.assert_allclose(constant, total, rtol=1e-3)
 
 
 def test_rotated_and_limited_sensors(four, x64):
-    checks, panel = cs._limited(four, np.random.default_rng(0))
+    checks, panel = cs.limited_sensor_results(four, np.random.default_rng(0))
     assert holds(checks) == [True, True]
     assert max(line.y[0] for line in panel.lines) > 1
     assert all(np.all(np.diff(line.y) <= 1e-12) and line.y[-1] < 1e-12 for line in panel.lines)
@@ -61,18 +71,18 @@ def test_rotated_and_limited_sensors(four, x64):
 
 def test_the_predicted_excess_is_that_of_the_estimator_itself():
     """One step of the plan, N samples drawn by NumPy: the error of sum w delta / sum w, averaged over mu."""
-    _, optimum = sl.platform()
+    _, optimum = platform.platform()
     rng, N, draws = np.random.default_rng(0), 200, 4000
-    R, F, B = sl.CONTROL_WEIGHT * np.eye(2), optimum.F, optimum.B
-    mean = np.array(sl.START)
-    root = np.linalg.cholesky(sl.TEMPERATURE * np.linalg.inv(R) / sl.DT)
-    deltas = rng.normal(size=(draws, N, sl.HORIZON, 2)) @ root.T
+    R, F, B = platform.CONTROL_WEIGHT * np.eye(2), optimum.F, optimum.B
+    mean = np.array(platform.START)
+    root = np.linalg.cholesky(platform.TEMPERATURE * np.linalg.inv(R) / platform.DT)
+    deltas = rng.normal(size=(draws, N, platform.HORIZON, 2)) @ root.T
     mu, costs = np.broadcast_to(mean, (draws, N, 4)), 0.0
-    for k in range(sl.HORIZON):
-        costs = costs + 0.5 * sl.DT * np.sum(np.array(sl.WEIGHTS) * mu**2, axis=-1)
+    for k in range(platform.HORIZON):
+        costs = costs + 0.5 * platform.DT * np.sum(np.array(platform.WEIGHTS) * mu**2, axis=-1)
         mu = mu @ F.T + deltas[:, :, k] @ B.T
     costs = costs + 0.5 * np.einsum("sni,ij,snj->sn", mu, optimum.P, mu)
-    w = np.exp((costs.min(axis=1, keepdims=True) - costs) / sl.TEMPERATURE)
+    w = np.exp((costs.min(axis=1, keepdims=True) - costs) / platform.TEMPERATURE)
     u = np.einsum("sn,sni->si", w / w.sum(axis=1, keepdims=True), deltas[:, :, 0])
     e = u + optimum.K @ mean
     forms = 0.5 * np.einsum("si,ij,sj->s", e, optimum.S, e)
@@ -83,34 +93,34 @@ def test_the_predicted_excess_is_that_of_the_estimator_itself():
     )
 
 
-def first_step(optimum: sl.Optimum) -> sl.Expected:
+def first_step(optimum: platform.PlatformOptimum) -> platform.PlatformExcess:
     """The prediction for a trial of one step."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sl, "STEPS", 1)
-        return sl.expected_excess(optimum)
+        patch.setattr(platform, "STEPS", 1)
+        return platform.platform_excess(optimum)
 
 
-def runs(excess: np.ndarray, off: float = 0.0) -> list[sl.Loops]:
+def runs(excess: np.ndarray, off: float = 0.0) -> list[sl.SteeredLoops]:
     """Loops of `sl.TRIALS` trials with these mean forms, one array for each N, costs `off` from what they should be."""
-    rng, (_, optimum) = np.random.default_rng(0), sl.platform()
+    rng, (_, optimum) = np.random.default_rng(0), platform.platform()
     draws = rng.gamma(4, 0.25, size=(2, sl.TRIALS))
     forms = np.asarray(excess)[:, None] * draws / draws.mean(axis=1, keepdims=True)
     noise = rng.normal(size=forms.shape)
     noise -= noise.mean(axis=1, keepdims=True) - off
     return [
-        sl.Loops(sl.optimal_cost(optimum) + form + more, form)
+        sl.SteeredLoops(platform.platform_optimal_cost(optimum) + form + more, form)
         for form, more in zip(forms, noise, strict=True)
     ]
 
 
 def test_loops_that_cost_otherwise_are_seen():
-    _, optimum = sl.platform()
-    expected, best = sl.expected_excess(optimum), sl.optimal_cost(optimum)
+    _, optimum = platform.platform()
+    expected, best = platform.platform_excess(optimum), platform.platform_optimal_cost(optimum)
     right, N = expected.per_sample / np.array(sl.SAMPLES), np.array(sl.SAMPLES)
 
     def verdicts(excess: np.ndarray, limited: np.ndarray, off: float = 0.0) -> list[bool]:
         held = [run.form for run in runs(limited)]
-        return holds(sl._checks(runs(excess, off), held, expected, best))
+        return holds(sl.loop_checks(runs(excess, off), held, expected, best))
 
     stays = right + 0.1
     assert verdicts(right, stays) == [True] * 5
@@ -122,10 +132,10 @@ def test_loops_that_cost_otherwise_are_seen():
 
 def test_a_closed_loop_costs_what_is_predicted_and_not_with_a_limited_sensor(x64, monkeypatch):
     monkeypatch.setattr(sl, "TRIALS", 100)
-    problem, optimum = sl.platform()
-    free, limited = sl.closed_loops(optimum, problem, 64, 0, [sl.NONE, sl.LIMIT])
-    expected, bound = sl.expected_excess(optimum), quantile(1, 99)
+    problem, optimum = platform.platform()
+    free, limited = sl.steered_closed_loops(optimum, problem, 64, 0, [sl.UNLIMITED, sl.LIMIT])
+    expected, bound = platform.platform_excess(optimum), quantile(1, 99)
     target = expected.per_sample / 64
     after = target * expected.next_term / 64
-    assert abs(free.form.mean() - target) < bound * sl.error_of(free.form) + after
-    assert abs(limited.form.mean() - target) > bound * sl.error_of(limited.form) + after
+    assert abs(free.form.mean() - target) < bound * standard_error(free.form) + after
+    assert abs(limited.form.mean() - target) > bound * standard_error(limited.form) + after

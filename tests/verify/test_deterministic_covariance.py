@@ -13,9 +13,11 @@ from helpers import float64, quick_jit, random_spd
 from mppi_belief.belief import riccati
 from mppi_belief.belief import schedule as schedules
 from mppi_belief.belief.schedule import gain_schedule
+from mppi_belief.problem import Belief
 from mppi_belief.results.certificate import Certificate
 from mppi_belief.systems import LightDark
 from mppi_belief.verify.certificates import deterministic_covariance as covariance
+from mppi_belief.verify.scenarios import linear_covariance as model
 
 riccati_step = quick_jit(riccati.riccati_step)
 schedule = quick_jit(gain_schedule, static_argnames="method")
@@ -32,33 +34,31 @@ def test_it_holds(certificate):
 
 
 def test_the_reference_is_the_riccati_equations(x64):
-    found = covariance.reference()
+    integrated = model.integrated_reference()
     cov = np.diag(np.square([0.5, 0.4, 0.3]))
-    exact = reference.riccati_flow(
-        cov, covariance.A, covariance.Q, covariance.C, covariance.R_O, covariance.DURATION
-    )
-    assert np.linalg.norm(found.cov - exact) < found.error
+    exact = reference.riccati_flow(cov, model.A, model.Q, model.C, model.R_O, model.DURATION)
+    assert np.linalg.norm(integrated.cov - exact) < integrated.error
     np.testing.assert_allclose(
-        found.gain, exact @ covariance.C.T @ np.linalg.inv(covariance.R_O), atol=1e-9
+        integrated.gain, exact @ model.C.T @ np.linalg.inv(model.R_O), atol=1e-9
     )
     np.testing.assert_allclose(
-        found.diffusion, found.gain @ covariance.R_O @ found.gain.T, atol=1e-12
+        integrated.diffusion, integrated.gain @ model.R_O @ integrated.gain.T, atol=1e-12
     )
 
 
 def test_another_process_noise_than_the_filters_is_seen(monkeypatch, quick_x64):
-    monkeypatch.setattr(covariance, "Q", 1.01 * covariance.Q)
-    assert not any(check.holds for check in covariance.limits(schedule)[0][1:])
-    assert not any(check.holds for check in covariance.settled(schedule))
+    monkeypatch.setattr(model, "Q", 1.01 * model.Q)
+    assert not any(check.holds for check in covariance.short_step_results(schedule)[0][1:])
+    assert not any(check.holds for check in covariance.settled_checks(schedule))
 
 
 @pytest.mark.parametrize("part", ["cov", "gain", "diffusion"])
 def test_a_wrong_limit_is_seen(part, quick_x64):
     def wrong(*arguments):
-        found = schedule(*arguments)
-        return found._replace(**{part: getattr(found, part) * 1.001})
+        computed = schedule(*arguments)
+        return computed._replace(**{part: getattr(computed, part) * 1.001})
 
-    assert not covariance.limits(wrong)[0][1].holds
+    assert not covariance.short_step_results(wrong)[0][1].holds
 
 
 def test_the_diffusion_of_the_measurement_noise_alone_is_seen(monkeypatch, quick_x64):
@@ -66,42 +66,41 @@ def test_the_diffusion_of_the_measurement_noise_alone_is_seen(monkeypatch, quick
 
     def wrong(problem, mean, root, u):
         mean, root, K, _ = filter_step(problem, mean, root, u)
-        return mean, root, K, K @ (covariance.R_O / problem.dt) @ K.T / problem.dt
+        return mean, root, K, K @ (model.R_O / problem.dt) @ K.T / problem.dt
 
     filter_step = schedules.filter_step
     monkeypatch.setattr(schedules, "filter_step", wrong)
-    assert [check.holds for check in covariance.transient(gain_schedule)] == [False, True]
+    assert [check.holds for check in covariance.per_step_checks(gain_schedule)] == [False, True]
 
 
-@pytest.mark.parametrize("part", [2, 3])
-def test_a_riccati_schedule_that_is_a_step_late_is_seen(part, monkeypatch, quick_x64):
+@pytest.mark.parametrize("part", ["gain", "diffusion"])
+def test_a_riccati_schedule_that_is_a_step_late_is_seen(part, quick_x64):
     """K or D of t_{k+1} instead of t_k, which is the same once all is settled."""
 
-    def wrong(problem, mean, root, u):
-        found = list(riccati_schedule_step(problem, mean, root, u))
-        found[part] = riccati_schedule_step(problem, *found[:2], u)[part]
-        return tuple(found)
+    def late(problem, start, controls, method):
+        schedule = gain_schedule(problem, start, controls, method)
+        if method != "riccati":
+            return schedule
+        next_belief = Belief(schedule.mean[1], schedule.cov[1])
+        next_schedule = gain_schedule(problem, next_belief, controls, method)
+        return schedule._replace(**{part: getattr(next_schedule, part)})
 
-    riccati_schedule_step = schedules._riccati_schedule_step
-    monkeypatch.setattr(schedules, "_riccati_schedule_step", wrong)
-    assert [check.holds for check in covariance.transient(gain_schedule)] == [True, False]
+    assert [check.holds for check in covariance.per_step_checks(late)] == [True, False]
 
 
 def test_an_ekf_that_is_not_numpys_recursion_is_seen(monkeypatch, quick_x64):
-    monkeypatch.setattr(covariance, "Q", (1 + 1e-9) * covariance.Q)
-    assert [check.holds for check in covariance.independence(covariance.linear(0.1), 0)] == [
-        True,
-        False,
-    ]
+    monkeypatch.setattr(model, "Q", (1 + 1e-9) * model.Q)
+    checks = covariance.independence_checks(model.linear_wind_problem(0.1), 0)
+    assert [check.holds for check in checks] == [True, False]
 
 
 def test_a_covariance_that_feels_the_controls_is_seen(monkeypatch, quick_x64):
-    def felt(problem, at, controls, *rest):
-        found = gain_schedule(problem, at, controls, *rest)
-        return found._replace(cov=found.cov * (1 + 1e-15 * jnp.sum(controls**2)))
+    def controlled(problem, start, controls, *rest):
+        schedule = gain_schedule(problem, start, controls, *rest)
+        return schedule._replace(cov=schedule.cov * (1 + 1e-15 * jnp.sum(controls**2)))
 
-    monkeypatch.setattr(covariance, "gain_schedule", felt)
-    assert not covariance.independence(covariance.linear(0.1), 0)[0].holds
+    monkeypatch.setattr(covariance, "gain_schedule", controlled)
+    assert not covariance.independence_checks(model.linear_wind_problem(0.1), 0)[0].holds
 
 
 def test_a_filter_whose_covariance_feels_the_measurements_is_seen(monkeypatch, quick_x64):
@@ -112,7 +111,9 @@ def test_a_filter_whose_covariance_feels_the_measurements_is_seen(monkeypatch, q
 
     jax.tree_util.register_dataclass(Doubting, data_fields=[], meta_fields=[])
     monkeypatch.setattr(covariance, "EKF", Doubting)
-    assert not any(check.holds for check in covariance.independence(covariance.linear(0.1), 0))
+    assert not any(
+        check.holds for check in covariance.independence_checks(model.linear_wind_problem(0.1), 0)
+    )
 
 
 def test_light_that_is_the_same_everywhere_is_seen(monkeypatch, quick_x64):
@@ -120,16 +121,16 @@ def test_light_that_is_the_same_everywhere_is_seen(monkeypatch, quick_x64):
         system = LightDark(0.3, 5.0, 0.0, 0.1)
         return light_dark(dt).__class__(**{**vars(light_dark(dt)), "system": system})
 
-    light_dark = covariance.light_dark
-    monkeypatch.setattr(covariance, "light_dark", even)
-    assert not covariance.steered(0).holds
+    light_dark = covariance.state_dependent_problem
+    monkeypatch.setattr(covariance, "state_dependent_problem", even)
+    assert not covariance.dependence_check(0).holds
 
 
 def test_bits_are_counted():
     parts = np.ones((3, 2, 2))
-    assert covariance.differing(parts) == 0
+    assert model.differing_entries(parts) == 0
     parts[2, 0, 1] += 1e-15
-    assert covariance.differing(parts) == 1
+    assert model.differing_entries(parts) == 1
 
 
 @settings(max_examples=25, deadline=None, derandomize=True)

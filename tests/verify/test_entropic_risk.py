@@ -15,6 +15,14 @@ from helpers import float64
 from mppi_belief.belief.cost import risk_sensitive, running_moments
 from mppi_belief.results.certificate import Certificate, Check
 from mppi_belief.verify.certificates import entropic_risk as er
+from mppi_belief.verify.scenarios import cost_laws, risk_expansions
+from mppi_belief.verify.scenarios.cost_laws import PlaneLaw, QuadraticLaw, plane_law
+from mppi_belief.verify.scenarios.risk_expansions import (
+    belief_beside_obstacle,
+    position_problem,
+    resting_problem,
+)
+from mppi_belief.verify.scenarios.section_vii import cost_numbers
 
 COARSE_ENOUGH = 0.05
 
@@ -26,25 +34,27 @@ def certificate() -> Certificate:
 
 
 @pytest.fixture(scope="module")
-def penalty() -> er.Plane:
+def penalty() -> PlaneLaw:
     """The law of the penalty beside the obstacle, exact for theta up to about 0.2."""
     with float64():
-        return er.plane(er.goal_problem(), er.beside(), "penalty", COARSE_ENOUGH)
+        return plane_law(position_problem(), belief_beside_obstacle(), "penalty", COARSE_ENOUGH)
 
 
 @pytest.fixture
 def replaced(monkeypatch, x64) -> Iterator[Callable]:
     """Put another q_RS in place of the package's, which is compiled anew."""
-    er._risks.clear_cache()
-    yield lambda wrong: monkeypatch.setattr(er, "risk_sensitive", wrong)
-    er._risks.clear_cache()
+    risk_expansions.package_risks.clear_cache()
+    yield lambda wrong: monkeypatch.setattr(risk_expansions, "risk_sensitive", wrong)
+    risk_expansions.package_risks.clear_cache()
 
 
-def quadratic_plane(problem: mb.Problem, mean: np.ndarray, cov: np.ndarray) -> er.Plane:
-    return er.plane(problem, mb.Belief(jnp.asarray(mean), jnp.asarray(cov)), "total", COARSE_ENOUGH)
+def quadratic_plane(problem: mb.Problem, mean: np.ndarray, cov: np.ndarray) -> PlaneLaw:
+    return plane_law(
+        problem, mb.Belief(jnp.asarray(mean), jnp.asarray(cov)), "total", COARSE_ENOUGH
+    )
 
 
-def quadratic_case(seed: int) -> tuple[mb.Problem, np.ndarray, np.ndarray, er.Quadratic]:
+def quadratic_case(seed: int) -> tuple[mb.Problem, np.ndarray, np.ndarray, QuadraticLaw]:
     rng = np.random.default_rng(seed)
     F, S, mean, goal = (
         rng.normal(size=(2, 2)),
@@ -54,8 +64,8 @@ def quadratic_case(seed: int) -> tuple[mb.Problem, np.ndarray, np.ndarray, er.Qu
     )
     W, cov = F @ F.T + 0.1 * np.eye(2), 0.3 * S @ S.T + 0.1 * np.eye(2)
     cost = mb.GoalObstacleCost(goal, W, W, [1, 1], w_obs=0, bump_width=1)
-    problem = er.charged(cost, mb.Obstacles(np.zeros((1, 2)), 0))
-    return problem, mean, cov, er.Quadratic(cov @ W, mean - goal, W @ (mean - goal))
+    problem = resting_problem(cost, mb.Obstacles(np.zeros((1, 2)), 0))
+    return problem, mean, cov, QuadraticLaw(cov @ W, mean - goal, W @ (mean - goal))
 
 
 def test_the_certificate_holds(certificate):
@@ -73,9 +83,9 @@ def test_a_wrong_weight_of_the_variance_is_seen(replaced):
         return risk_sensitive(problem, mean, cov, 0.999 * theta, risk)
 
     replaced(wrong)
-    case = er.quadratic_expansion(np.random.default_rng(0))
-    assert not er._order(case).holds
-    assert not er._coefficient(case).holds
+    case = risk_expansions.quadratic_expansion(np.random.default_rng(0))
+    assert not er.order_check(case).holds
+    assert not er.coefficient_check(case).holds
 
 
 def test_a_variance_without_the_covariance_of_its_parts_is_seen(replaced):
@@ -88,9 +98,9 @@ def test_a_variance_without_the_covariance_of_its_parts_is_seen(replaced):
         )
 
     replaced(wrong)
-    cases = er.bump_expansions(np.random.default_rng(0))
-    assert [er._order(case).holds for case in cases] == [True, True, False]
-    assert "whole cost" in er._tightest([er._order(case) for case in cases]).computed
+    cases = risk_expansions.bump_expansions(np.random.default_rng(0))
+    assert [er.order_check(case).holds for case in cases] == [True, True, False]
+    assert "whole cost" in er.tightest([er.order_check(case) for case in cases]).computed
 
 
 def test_the_worst_of_several_costs_is_one_that_fails():
@@ -100,30 +110,29 @@ def test_the_worst_of_several_costs_is_one_that_fails():
         Check("no band", 0.0, math.nan, math.nan, ""),
     ):
         for checks in ([bad, near, near], [near, bad, near], [near, near, bad]):
-            assert er._tightest(checks).computed.startswith(bad.computed)
-            assert not er._tightest(checks).holds
+            assert er.tightest(checks).computed.startswith(bad.computed)
+            assert not er.tightest(checks).holds
     outside = Check("outside", 1.5, -1.0, 1.0, "")
-    assert er._tightest([near, outside]).computed.startswith("outside")
-    assert er._tightest([near._replace(value=0.5), near]).value == 0.99
+    assert er.tightest([near, outside]).computed.startswith("outside")
+    assert er.tightest([near._replace(value=0.5), near]).value == 0.99
 
 
 def test_another_third_cumulant_is_seen(x64):
-    case = er.quadratic_expansion(np.random.default_rng(0))
+    case = risk_expansions.quadratic_expansion(np.random.default_rng(0))
     skewed = case._replace(law=case.law._replace(offset=1.01 * case.law.offset))
-    assert er._coefficient(case).holds
-    assert not er._coefficient(skewed).holds
+    assert er.coefficient_check(case).holds
+    assert not er.coefficient_check(skewed).holds
 
 
 def test_a_risk_above_the_supremum_or_one_that_falls_is_seen(penalty, x64):
-    thetas = np.append(er.THETAS, er.THETA)
-    case = er.expansion("penalty", penalty, er.goal_problem(), er.beside(), "penalty", thetas)
-    assert er._reach_checks(case, penalty)[4].holds
+    case = er.penalty_expansion(penalty)
+    assert er.bound_checks(case, penalty)[1].holds
     above = case._replace(exact=np.append(case.exact[:-1], case.expanded[-1]))
-    assert not er._reach_checks(above, penalty)[4].holds
+    assert not er.bound_checks(above, penalty)[1].holds
     falling = case._replace(exact=np.append(case.exact[:-2], case.exact[-3:-1]))
-    assert not er._reach_checks(falling, penalty)[5].holds
+    assert not er.bound_checks(falling, penalty)[2].holds
     timid = case._replace(expanded=case.exact)
-    assert not er._reach_checks(timid, penalty)[3].holds
+    assert not er.bound_checks(timid, penalty)[0].holds
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -140,18 +149,18 @@ def test_the_closed_form_of_a_quadratic_is_the_integral(seed, x64):
 def test_beyond_its_pole_a_quadratic_has_no_finite_risk(monkeypatch, x64):
     problem, mean, cov, law = quadratic_case(0)
     assert law.entropic_risk(law.pole) == law.entropic_risk(2 * law.pole) == math.inf
-    found = []
+    risks = []
     for reach in (5, 10, 20):
-        monkeypatch.setattr(er, "REACH", reach)
+        monkeypatch.setattr(cost_laws, "REACH", reach)
         summed = quadratic_plane(problem, mean, cov)
-        found.append((summed.entropic_risk(0.5 * law.pole), summed.entropic_risk(1.5 * law.pole)))
-    below, above = np.array(found).T
+        risks.append((summed.entropic_risk(0.5 * law.pole), summed.entropic_risk(1.5 * law.pole)))
+    below, above = np.array(risks).T
     assert abs(below[2] - below[1]) < 1e-6 * below[1]
     assert np.all(above[1:] > 2 * above[:-1])  # the part of the plane that is summed decides
 
 
 def test_the_plane_has_the_packages_moments(penalty, x64):
-    m = running_moments(er.goal_problem(), *er.beside())
+    m = running_moments(position_problem(), *belief_beside_obstacle())
     np.testing.assert_allclose(penalty.cumulants()[:2], [m.penalty, m.penalty_var], rtol=1e-12)
     np.testing.assert_allclose(
         penalty.coarser().cumulants()[:2], [m.penalty, m.penalty_var], rtol=1e-12
@@ -163,8 +172,8 @@ def test_the_plane_has_the_packages_moments(penalty, x64):
 def test_the_entropic_risk_is_bounded_and_grows(penalty, theta, factor):
     mean, *_ = penalty.cumulants()
     here, there = penalty.entropic_risk(theta), penalty.entropic_risk(factor * theta)
-    assert mean < here < there < er.W_OBS
-    assert er._lower_bound(theta) <= here
+    assert mean < here < there < cost_numbers()["w_obs"]
+    assert er.risk_lower_bound(theta) <= here
 
 
 def test_both_ways_of_summing_agree(penalty):
@@ -175,4 +184,4 @@ def test_both_ways_of_summing_agree(penalty):
 
 
 def test_no_crossing_is_no_number(penalty):
-    assert math.isnan(er._crossings(penalty, np.zeros(len(er.THETAS)), 1.0, 1.0)[0])
+    assert math.isnan(er.crossings(penalty, np.zeros(len(er.THETAS)), 1.0, 1.0)[0])

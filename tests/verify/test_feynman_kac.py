@@ -8,19 +8,20 @@ import pytest
 
 from helpers import float64, quick_jit
 from mppi_belief.results.certificate import Certificate
-from mppi_belief.verify import pde
 from mppi_belief.verify.bands import largest_z, within_errors
 from mppi_belief.verify.certificates import feynman_kac as fk
 from mppi_belief.verify.estimates import fitted_rate
-from mppi_belief.verify.matched_problem import (
-    Matched,
-    Steady,
-    equation,
+from mppi_belief.verify.scenarios import desirability_samples as samples
+from mppi_belief.verify.scenarios.matched_paths import sampled_costs
+from mppi_belief.verify.scenarios.matched_scalar import (
+    MatchedProblem,
+    SteadySchedule,
     matched_problem,
-    sampled_costs,
-    steady,
-    with_grid,
+    scalar_equation,
+    steady_schedule,
+    with_time_grid,
 )
+from mppi_belief.verify.solvers.scalar_equations import ScalarEquation
 
 KEY = 5
 
@@ -32,16 +33,16 @@ def certificate() -> Iterator[Certificate]:
 
 
 @pytest.fixture(scope="module")
-def setting() -> Iterator[tuple[Matched, Steady, pde.Equation]]:
+def setting() -> Iterator[tuple[MatchedProblem, SteadySchedule, ScalarEquation]]:
     with float64():
-        matched = matched_problem(steps=fk.COARSE)
-        along = steady(with_grid(matched, 1.0, 2 * fk.COARSE), matched.cov)
-        yield matched, along, equation(matched, along)
+        matched = matched_problem(steps=samples.COARSE_STEPS)
+        along = steady_schedule(with_time_grid(matched, 1.0, 2 * samples.COARSE_STEPS), matched.cov)
+        yield matched, along, scalar_equation(matched, along)
 
 
-def agree(matched: Matched, along: Steady, terms: pde.Equation) -> bool:
-    points = fk.at_points(matched, along, terms, jax.random.key(KEY))
-    return largest_z("", points.z, fk.BATCHES - 1).holds
+def agree(matched: MatchedProblem, along: SteadySchedule, terms: ScalarEquation) -> bool:
+    points = samples.sample_points(matched, along, terms, jax.random.key(KEY))
+    return largest_z("", points.z, samples.BATCHES - 1).holds
 
 
 def test_the_certificate_holds(certificate):
@@ -51,31 +52,38 @@ def test_the_certificate_holds(certificate):
 
 def test_paths_of_another_diffusion_or_temperature_or_step_show(setting, monkeypatch):
     matched, along, terms = setting
-    monkeypatch.setattr(fk, "TIMES", fk.TIMES[1:2])
+    monkeypatch.setattr(samples, "TIMES", samples.TIMES[1:2])
     with float64():
         assert agree(matched, along, terms)
         assert not agree(matched, along._replace(factors=1.1 * along.factors), terms)
         assert not agree(matched._replace(temperature=1.02 * matched.temperature), along, terms)
         # the bias allowed for comes from the levels alone: it does not excuse that of the coarse step
-        batches = fk._batches
-        monkeypatch.setattr(fk, "_batches", lambda *args: np.array(batches(*args))[:, [0, 0]])
+        log_desirabilities = samples.log_desirabilities
+        monkeypatch.setattr(
+            samples,
+            "log_desirabilities",
+            lambda *args: np.array(log_desirabilities(*args))[:, [0, 0]],
+        )
         assert not agree(matched, along, terms)
 
 
 def test_a_psi_of_the_linear_equation_that_is_off_shows(setting):
     _, _, terms = setting
     with float64():
-        exact, error = fk.solution(terms)
+        exact, error = samples.linear_equation_solution(terms)
         unused = np.ones_like(exact)
         for factor, holds in ((1.0, True), (1.001, False)):
-            _, limit = fk._orders(terms, fk.Points(factor * exact, error, unused, unused, unused))
+            _, limit = fk.order_checks(
+                terms,
+                samples.DesirabilityPoints(factor * exact, error, unused, unused, unused),
+            )
             assert limit.holds == holds
 
 
 @pytest.mark.parametrize("broken", ["shifted", "repeated"])
 def test_biased_or_dependent_samples_show(setting, monkeypatch, broken):
     matched, along, terms = setting
-    pooled = fk.pooled_costs
+    pooled = samples.pooled_costs
 
     def spoilt(matched, along, mean, key, paths):
         if broken == "shifted":
@@ -84,12 +92,12 @@ def test_biased_or_dependent_samples_show(setting, monkeypatch, broken):
         costs, increments = pooled(matched, along, mean, key, paths // 2)
         return np.repeat(costs, 2), np.repeat(increments, 2)
 
-    monkeypatch.setattr(fk, "SIZES", fk.SIZES[2::3])
-    monkeypatch.setattr(fk, "pooled_costs", spoilt)
+    monkeypatch.setattr(samples, "SIZES", samples.SIZES[2::3])
+    monkeypatch.setattr(samples, "pooled_costs", spoilt)
     with float64():
-        found = fk.at_one(matched, along, terms, jax.random.key(KEY))
-        slope, error = fitted_rate(fk.SIZES, found.rms, found.relative)
-    assert not within_errors("", found.squared, 1.0, found.squared_error).holds
+        sampled_rate = samples.sample_rate(matched, along, terms, jax.random.key(KEY))
+        slope, error = fitted_rate(samples.SIZES, sampled_rate.rms, sampled_rate.relative)
+    assert not within_errors("", sampled_rate.squared, 1.0, sampled_rate.squared_error).holds
     # twice each sample leaves the rate as it is, a bias does not
     assert within_errors("", slope, -0.5, error).holds == (broken == "repeated")
 
@@ -97,7 +105,7 @@ def test_biased_or_dependent_samples_show(setting, monkeypatch, broken):
 def test_the_paths_are_those_of_a_loop(setting, rng):
     matched, along, _ = setting
     with float64():
-        problem, terms = with_grid(matched, 0.8, 4), setting[2]
+        problem, terms = with_time_grid(matched, 0.8, 4), setting[2]
         eps = rng.normal(size=(4, 1, 3))
         costs, pushed = quick_jit(sampled_costs)(
             problem, matched.theta, np.array([0.7]), along, eps
@@ -116,7 +124,7 @@ def test_the_paths_are_those_of_a_loop(setting, rng):
 def test_the_schedule_of_fewer_steps_is_the_beginning_of_that_of_more(setting):
     matched, along, _ = setting
     with float64():
-        shorter = steady(with_grid(matched, 0.3, 4), matched.cov)
+        shorter = steady_schedule(with_time_grid(matched, 0.3, 4), matched.cov)
         np.testing.assert_allclose(shorter.cov, along.cov[:5], rtol=1e-12)
         np.testing.assert_allclose(shorter.factors, along.factors[:4], rtol=1e-12)
         assert set(np.asarray(along.ranks)) == {1}

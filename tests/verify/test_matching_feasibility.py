@@ -11,28 +11,29 @@ from mppi_belief.matching.weights import (
     numerical_rank,
     range_included,
 )
-from mppi_belief.verify.certificates import matching_feasibility as certificate
+from mppi_belief.verify.certificates import matching_feasibility
+from mppi_belief.verify.scenarios import rank_patterns
 
 RANKS, WEIGHT, NEGATIVE, CONTROL, DEFINITE, SINGULAR, LEAST, BOUND, VERDICTS, NEARLY = range(10)
 
 
 @pytest.fixture(scope="module")
-def found():
+def certificate():
     with float64():
-        return certificate.certify(1)
+        return matching_feasibility.certify(1)
 
 
-def failing(made):
-    return {i for i, check in enumerate(made.checks) if not check.holds}
+def failing(certificate):
+    return {i for i, check in enumerate(certificate.checks) if not check.holds}
 
 
-def test_the_certificate_holds(found):
-    assert not failing(found), [check for check in found.checks if not check.holds]
-    assert len(found.checks) == 10
+def test_the_certificate_holds(certificate):
+    assert not failing(certificate), [check for check in certificate.checks if not check.holds]
+    assert len(certificate.checks) == 10
 
 
 def test_all_relations_of_the_ranges_occur():
-    chosen = list(certificate.cases(np.random.default_rng(0)))
+    chosen = list(rank_patterns.rank_cases(np.random.default_rng(0)))
     assert {(case.included, case.equal) for case in chosen} == {
         (True, True),
         (True, False),
@@ -78,11 +79,13 @@ def test_all_relations_of_the_ranges_occur():
     ],
 )
 def test_what_is_broken_is_seen(name, broken, fails, x64, monkeypatch):
-    monkeypatch.setattr(certificate, name, broken)
+    monkeypatch.setattr(rank_patterns, name, broken)
     if name == "best_weight":  # what is compiled has the right one in it
-        residuals = certificate._residuals.__wrapped__
-        monkeypatch.setattr(certificate, "_residuals", lambda *arguments: residuals(*arguments))
-    assert fails <= failing(certificate.certify(0))
+        residuals = rank_patterns.stacked_residuals.__wrapped__
+        monkeypatch.setattr(
+            rank_patterns, "stacked_residuals", lambda *arguments: residuals(*arguments)
+        )
+    assert fails <= failing(matching_feasibility.certify(0))
 
 
 def test_an_inner_weight_extended_by_too_much_is_seen(x64, monkeypatch):
@@ -92,8 +95,8 @@ def test_an_inner_weight_extended_by_too_much_is_seen(x64, monkeypatch):
         kernel = Vt[numerical_rank(G) :].T
         return R + 1e6 * np.linalg.norm(R) * kernel @ kernel.T
 
-    monkeypatch.setattr(certificate, "feasible_control_weight", stretched)
-    assert DEFINITE in failing(certificate.certify(0))
+    monkeypatch.setattr(rank_patterns, "feasible_control_weight", stretched)
+    assert DEFINITE in failing(matching_feasibility.certify(0))
 
 
 def test_one_weight_of_many_controls():

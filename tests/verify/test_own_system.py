@@ -26,7 +26,7 @@ def quick() -> Iterator[None]:
 
 
 @mb.struct
-class Bent:
+class Nonlinear:
     """A scalar system with any of its functions bent: x^2 added with these weights."""
 
     f2: float = mb.number(0.0)
@@ -67,7 +67,7 @@ class Risky:
         return Feedback(self.gain).act(problem, belief, plan, key)
 
 
-def found(problem: mb.Problem, temperature: float = 0.6, theta: float = 0.5) -> Certificate:
+def conditions_of(problem: mb.Problem, temperature: float = 0.6, theta: float = 0.5) -> Certificate:
     return what_holds(
         problem,
         mb.EKF(),
@@ -83,12 +83,12 @@ def broken(certificate: Certificate) -> set[int]:
     return {index for index, check in enumerate(certificate.checks) if not check.holds}
 
 
-def bent(**weights: float) -> mb.Problem:
-    return replace(Scalar().problem(steps=5), system=Bent(**weights))
+def nonlinear_problem(**weights: float) -> mb.Problem:
+    return replace(Scalar().problem(steps=5), system=Nonlinear(**weights))
 
 
 def test_everything_holds_for_the_matched_scalar_system():
-    certificate = found(Scalar().problem())
+    certificate = conditions_of(Scalar().problem())
     assert broken(certificate) <= {CLASSICAL}  # the process noise is not the innovation's
     assert "is exactly Gaussian" in certificate.text
     assert "(15) holds" in certificate.text
@@ -96,7 +96,7 @@ def test_everything_holds_for_the_matched_scalar_system():
 
 
 def test_another_temperature_breaks_the_matching_alone():
-    certificate = found(Scalar().problem(), temperature=1.2)
+    certificate = conditions_of(Scalar().problem(), temperature=1.2)
     assert broken(certificate) <= {MATCHED, CLASSICAL}
     assert certificate.checks[MATCHED].value == pytest.approx(1.0)  # |D - 2 D| / |D|
     assert "with one other R" in certificate.text
@@ -113,7 +113,7 @@ def test_another_temperature_breaks_the_matching_alone():
     ],
 )
 def test_each_function_that_is_bent_is_seen(weights, expected):
-    certificate = found(bent(**weights))
+    certificate = conditions_of(nonlinear_problem(**weights))
     assert broken(certificate) & {C, NOISE, F, G, COV} == expected
     assert ("is exactly Gaussian" in certificate.text) == (not weights)
 
@@ -134,13 +134,13 @@ def planar(A: list, B: list, sensors: Sequence[float] = (0.5,)) -> mb.Problem:
 
 
 def test_a_diffusion_out_of_reach_of_the_controls():
-    certificate = found(planar([[0.0, 1], [0, 0]], [[0.0, 0], [0, 1]]))
+    certificate = conditions_of(planar([[0.0, 1], [0, 0]], [[0.0, 0], [0, 1]]))
     assert {INCLUDED, MATCHED} <= broken(certificate)
     assert "out of reach" in certificate.text
 
 
 def test_a_diffusion_of_less_rank_than_the_controls():
-    certificate = found(planar([[0.0, 0], [0, 0]], [[1.0, 0], [0, 1]]))
+    certificate = conditions_of(planar([[0.0, 0], [0, 0]], [[1.0, 0], [0, 1]]))
     assert broken(certificate) - {CLASSICAL} == {EQUAL, MATCHED, ONE}
     assert "no R > 0" in certificate.text
     assert "D = 0" not in certificate.text
@@ -148,24 +148,26 @@ def test_a_diffusion_of_less_rank_than_the_controls():
 
 def test_a_diffusion_of_full_rank_but_very_uneven():
     problem = planar([[0.0, 0], [0, 0]], [[1.0, 0], [0, 1]], sensors=[1e-3, 1e3])
-    assert EQUAL not in broken(found(problem))
+    assert EQUAL not in broken(conditions_of(problem))
 
 
 def test_matching_that_would_need_an_r_that_changes():
-    certificate = found(replace(Scalar().problem(steps=5), prior_std=np.array([1.5])))
+    certificate = conditions_of(replace(Scalar().problem(steps=5), prior_std=np.array([1.5])))
     assert broken(certificate) - {CLASSICAL} == {MATCHED, ONE}
     assert "changes with time" in certificate.text
 
 
 def test_no_diffusion_at_all_is_not_matched():
-    certificate = found(replace(bent(), system=replace(bent().system, c1=0.0)))
+    certificate = conditions_of(
+        replace(nonlinear_problem(), system=replace(nonlinear_problem().system, c1=0.0))
+    )
     assert {EQUAL, MATCHED, ONE} <= broken(certificate)
     assert not {C, INCLUDED} & broken(certificate)
     assert "D = 0 at 5 steps" in certificate.text
 
 
 def test_a_state_that_is_known_at_first():
-    certificate = found(replace(Scalar().problem(steps=5), prior_std=np.zeros(1)))
+    certificate = conditions_of(replace(Scalar().problem(steps=5), prior_std=np.zeros(1)))
     assert {EQUAL, MATCHED} <= broken(certificate)
     assert not {C, NOISE, F, G, COV} & broken(certificate)
     assert "D = 0 at 1 steps" in certificate.text
@@ -173,16 +175,18 @@ def test_a_state_that_is_known_at_first():
 
 def test_a_trial_that_diverges_is_one_line():
     with pytest.raises(ConfigError, match="diverges"):
-        found(bent(f2=1e200))
+        conditions_of(nonlinear_problem(f2=1e200))
 
 
 def test_a_singular_sensor_is_one_line():
     with pytest.raises(ConfigError, match="is sigma_o singular"):
-        found(replace(bent(), system=replace(bent().system, sigma0=0.0)))
+        conditions_of(
+            replace(nonlinear_problem(), system=replace(nonlinear_problem().system, sigma0=0.0))
+        )
 
 
 def test_a_controller_without_risk_has_no_expansion_to_check():
-    made = what_holds(
+    certificate = what_holds(
         Scalar().problem(),
         mb.EKF(),
         Feedback(0.5),
@@ -191,34 +195,34 @@ def test_a_controller_without_risk_has_no_expansion_to_check():
         name="mine",
         settings="system=mine",
     )
-    assert len(made.checks) == EXPANSION
+    assert len(certificate.checks) == EXPANSION
 
 
 def test_the_expansion_fails_at_a_large_theta():
     problem = light_dark_problem(prior_mean=[3, 1.7, 0, 0], steps=2)
-    assert EXPANSION in broken(found(problem, theta=1.0))
-    assert EXPANSION not in broken(found(problem, theta=1e-4))
+    assert EXPANSION in broken(conditions_of(problem, theta=1.0))
+    assert EXPANSION not in broken(conditions_of(problem, theta=1e-4))
 
 
 def test_the_light_dark_system_is_affine_with_noise_that_is_not_constant():
-    certificate = found(light_dark_problem(steps=4), temperature=1.0)
+    certificate = conditions_of(light_dark_problem(steps=4), temperature=1.0)
     assert {NOISE, COV, INCLUDED, MATCHED} <= broken(certificate)
     assert not {C, F, G} & broken(certificate)
     assert 0 < certificate.checks[LEAST].value <= certificate.checks[INCLUDED].value <= 1
 
 
 def test_the_command_says_and_writes_it(tmp_path, capsys):
-    said = call(
+    result = call(
         tmp_path, capsys, "verify", "system=scalar_linear", "controller=lqg", "problem.steps=4"
     )
-    assert said.code == 0, said.err
-    assert "What holds for system=scalar_linear, controller=lqg, problem.steps=4" in said.out
-    assert "exact for the mean's equation (12)" in said.out
+    assert result.code == 0, result.err
+    assert "What holds for system=scalar_linear, controller=lqg, problem.steps=4" in result.out
+    assert "exact for the mean's equation (12)" in result.out
     assert (tmp_path / "outputs" / "verify" / "systems" / "scalar_linear-lqg.md").is_file()
 
 
 def test_a_system_that_cannot_be_built_is_one_line(tmp_path, capsys):
-    said = call(
+    result = call(
         tmp_path,
         capsys,
         "verify",
@@ -226,5 +230,5 @@ def test_a_system_that_cannot_be_built_is_one_line(tmp_path, capsys):
         "system.sensor_noise=-1",
         "controller=lqg",
     )
-    assert said.code == 2
-    assert said.err.startswith("mppi-belief: system.sensor_noise must be")
+    assert result.code == 2
+    assert result.err.startswith("mppi-belief: system.sensor_noise must be")

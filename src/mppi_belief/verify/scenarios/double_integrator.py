@@ -73,7 +73,7 @@ def deficient_rank_checks() -> list[Check]:
         ]
         distances.append(float(np.linalg.norm(gaps)))
     return [
-        *_algebra_checks(problem, schedule, temperature),
+        *algebra_checks(problem, schedule, temperature),
         order(
             "D of rank 1: exact expectation of (19) against the Riccati equation, order in Δt",
             1,
@@ -82,7 +82,7 @@ def deficient_rank_checks() -> list[Check]:
     ]
 
 
-def _algebra_checks(problem: Problem, schedule: SteadySchedule, temperature: float) -> list[Check]:
+def algebra_checks(problem: Problem, schedule: SteadySchedule, temperature: float) -> list[Check]:
     """Checks (15), and the pseudoinverse on disturbances in and outside the range of D."""
     G = problem.system.G(jnp.zeros(2))
     R = problem.cost.R

@@ -8,39 +8,49 @@ import pytest
 from scipy.integrate import quad, solve_ivp
 
 import reference
-from mppi_belief.verify import pde
 from mppi_belief.verify.bands import observed_orders
+from mppi_belief.verify.solvers import grid_solutions
+from mppi_belief.verify.solvers.discrete_expectation import DiscreteExpectation
+from mppi_belief.verify.solvers.grid_solutions import solve_desirability, solve_value
+from mppi_belief.verify.solvers.scalar_equations import (
+    MeanGrid,
+    Quadratic,
+    ScalarEquation,
+    far_field,
+    first_difference,
+    mean_grid,
+    quadratic,
+    second_difference,
+)
 
 A, D, TEMPERATURE, DURATION = 0.3, 0.7, 0.6, 1.0
 
 
-def equation(
-    q: pde.Quadratic, phi: pde.Quadratic, bump: float = 0.0, **others: float
-) -> pde.Equation:
-    """A quadratic cost, with a bump on the way if asked for."""
+def equation(q: Quadratic, phi: Quadratic, bump: float = 0.0, **others: float) -> ScalarEquation:
+    """A quadratic cost, and a Gaussian bump of the given height."""
     rest = {"drift": A, "diffusion": D, "authority": D / TEMPERATURE, "temperature": TEMPERATURE}
-    return pde.Equation(
+    return ScalarEquation(
         **rest | others,
         duration=DURATION,
         reach=6.0,
-        running=lambda mu: pde.quadratic(q, mu) + bump * np.exp(-2 * (mu - 0.5) ** 2),
-        terminal=lambda mu: pde.quadratic(phi, mu),
+        running=lambda mu: quadratic(q, mu) + bump * np.exp(-2 * (mu - 0.5) ** 2),
+        terminal=lambda mu: quadratic(phi, mu),
         far_running=q,
         far_terminal=phi,
     )
 
 
-def quadratic_equation(**others: float) -> pde.Equation:
-    return equation(pde.Quadratic(0.2, -0.4, 1.3), pde.Quadratic(0.1, -0.3, 0.9), **others)
+def quadratic_equation(**others: float) -> ScalarEquation:
+    return equation(Quadratic(0.2, -0.4, 1.3), Quadratic(0.1, -0.3, 0.9), **others)
 
 
-def inner(on: pde.Grid) -> np.ndarray:
-    return np.abs(on.points) <= 2
+def inner(grid: MeanGrid) -> np.ndarray:
+    return np.abs(grid.points) <= 2
 
 
 def test_the_far_field_is_the_riccati_solution():
-    terms = equation(pde.Quadratic(0.0, 0.0, 1.3), pde.Quadratic(0.0, 0.0, 0.9))
-    _, s, p = pde.far_field(terms, terms.authority, np.array([0.0, DURATION]))
+    terms = equation(Quadratic(0.0, 0.0, 1.3), Quadratic(0.0, 0.0, 0.9))
+    _, s, p = far_field(terms, terms.authority, np.array([0.0, DURATION]))
     R = 1 / terms.authority
     assert -p[0] * 1.1 / R == pytest.approx(
         reference.lqg_feedback(A, 1.0, R, 1.3, 0.9, 1.1, DURATION), rel=1e-9
@@ -53,10 +63,10 @@ def test_the_far_field_solves_the_bellman_equation():
     """By differences in time, at any mean, and for another authority than the matched one."""
     terms, authority, mu, dt = quadratic_equation(), 0.8, np.array([-1.0, 0.4, 2.0]), 1e-4
     before, now, after = (
-        pde.Quadratic(*np.reshape(pde.far_field(terms, authority, np.array([t])), 3))
+        Quadratic(*np.reshape(far_field(terms, authority, np.array([t])), 3))
         for t in (0.4 - dt, 0.4, 0.4 + dt)
     )
-    rate = (pde.quadratic(after, mu) - pde.quadratic(before, mu)) / (2 * dt)
+    rate = (quadratic(after, mu) - quadratic(before, mu)) / (2 * dt)
     gradient = now.slope + now.curvature * mu
     right = (
         terms.running(mu) + A * mu * gradient + D / 2 * now.curvature - authority / 2 * gradient**2
@@ -67,26 +77,27 @@ def test_the_far_field_solves_the_bellman_equation():
 def test_the_linear_equation_tends_to_the_riccati_solution_at_second_order():
     terms, errors = quadratic_equation(), []
     for refine in (1, 2, 4):
-        on = pde.grid(terms, 120 * refine, 10 * refine)
-        exact = pde.quadratic(pde.far_field(terms, terms.authority, np.zeros(1)), on.points)
-        V = -TEMPERATURE * np.log(pde.desirability(terms, on)[0, inner(on)])
-        errors.append(np.max(np.abs((V - exact[inner(on)])[::refine])))
+        grid = mean_grid(terms, 120 * refine, 10 * refine)
+        exact = quadratic(far_field(terms, terms.authority, np.zeros(1)), grid.points)
+        V = -TEMPERATURE * np.log(solve_desirability(terms, grid)[0, inner(grid)])
+        errors.append(np.max(np.abs((V - exact[inner(grid)])[::refine])))
     np.testing.assert_allclose(observed_orders(errors), 2, atol=0.1)
 
 
 @pytest.mark.parametrize("cells", [40, 120, 480])
 def test_the_method_of_lines_is_exact_for_quadratics_but_for_its_tolerance(cells):
     terms = quadratic_equation(authority=0.8)
-    on = pde.grid(terms, cells, 10)
-    V, bound = pde.value(terms, on)
-    exact = pde.quadratic(pde.far_field(terms, terms.authority, on.times[:, None]), on.points)
+    grid = mean_grid(terms, cells, 10)
+    V, bound = solve_value(terms, grid)
+    exact = quadratic(far_field(terms, terms.authority, grid.times[:, None]), grid.points)
     assert np.max(np.abs(V - exact)) < bound < 1e-3
 
 
 def test_the_method_of_lines_is_of_fourth_order_with_a_bump():
     terms = quadratic_equation(bump=1.5)
     values = [
-        pde.value(terms, pde.grid(terms, 60 * refine, 4))[0][:, ::refine] for refine in (1, 2, 4, 8)
+        solve_value(terms, mean_grid(terms, 60 * refine, 4))[0][:, ::refine]
+        for refine in (1, 2, 4, 8)
     ]
     changes = [np.max(np.abs(fine - coarse)) for coarse, fine in itertools.pairwise(values)]
     np.testing.assert_allclose(observed_orders(changes)[-1], 4, atol=0.3)
@@ -95,13 +106,13 @@ def test_the_method_of_lines_is_of_fourth_order_with_a_bump():
 def test_the_desirability_is_that_of_a_stiff_integrator():
     """With a bump, without a closed form: the same differences in space, another scheme in time."""
     terms = quadratic_equation(bump=1.5)
-    on = pde.grid(terms, 120, 160)
-    mu, h = on.points, on.h
+    grid = mean_grid(terms, 120, 160)
+    mu, h = grid.points, grid.h
     q = terms.running(mu)
 
     def rate(left: float, inside: np.ndarray) -> np.ndarray:
-        far = pde.far_field(terms, D / TEMPERATURE, np.array([DURATION - left]))
-        ends = np.exp(-np.array([pde.quadratic(far, end)[0] for end in mu[[0, -1]]]) / TEMPERATURE)
+        far = far_field(terms, D / TEMPERATURE, np.array([DURATION - left]))
+        ends = np.exp(-np.array([quadratic(far, end)[0] for end in mu[[0, -1]]]) / TEMPERATURE)
         psi = np.concatenate([ends[:1], inside, ends[1:]])
         return (
             -q[1:-1] / TEMPERATURE * inside
@@ -110,36 +121,37 @@ def test_the_desirability_is_that_of_a_stiff_integrator():
         )
 
     start = np.exp(-terms.terminal(mu) / TEMPERATURE)[1:-1]
-    found = solve_ivp(rate, (0, 0.2), start, "LSODA", lband=1, uband=1, rtol=1e-8, atol=1e-12).y[
-        :, -1
-    ]
-    np.testing.assert_allclose(pde.desirability(terms, on)[128, 1:-1], found, rtol=2e-3, atol=1e-6)
+    solution = solve_ivp(rate, (0, 0.2), start, "LSODA", lband=1, uband=1, rtol=1e-8, atol=1e-12)
+    np.testing.assert_allclose(
+        solve_desirability(terms, grid)[128, 1:-1], solution.y[:, -1], rtol=2e-3, atol=1e-6
+    )
 
 
 def test_an_integrator_that_gives_up_says_so(monkeypatch):
-    terms, solver = quadratic_equation(), pde.solve_ivp
+    terms = quadratic_equation()
+    solver = grid_solutions.solve_ivp
 
     def gives_up(rate, span, start, method, *rest, **settings):
         if method == "LSODA":
             return SimpleNamespace(success=False, message="step too small")
         return solver(rate, span, start, method, *rest, **settings)
 
-    monkeypatch.setattr(pde, "solve_ivp", gives_up)
+    monkeypatch.setattr(grid_solutions, "solve_ivp", gives_up)
     with pytest.raises(RuntimeError, match="step too small"):
-        pde.value(terms, pde.grid(terms, 60, 5))
+        solve_value(terms, mean_grid(terms, 60, 5))
 
 
 def test_differences_are_exact_for_quadratics():
     mu = np.linspace(-1, 1, 9)
-    V = pde.quadratic(pde.Quadratic(0.3, -1.2, 0.7), mu)
-    np.testing.assert_allclose(pde.slope(V, 0.25), -1.2 + 0.7 * mu[1:-1], atol=1e-12)
-    np.testing.assert_allclose(pde.curvature(V, 0.25), 0.7, atol=1e-12)
+    V = quadratic(Quadratic(0.3, -1.2, 0.7), mu)
+    np.testing.assert_allclose(first_difference(V, 0.25), -1.2 + 0.7 * mu[1:-1], atol=1e-12)
+    np.testing.assert_allclose(second_difference(V, 0.25), 0.7, atol=1e-12)
 
 
 @pytest.mark.parametrize("steps", [1, 2, 10])
 def test_the_discrete_expectations_are_the_gaussian_integrals(steps):
-    terms = equation(pde.Quadratic(0.0, 0.0, 1.3), pde.Quadratic(0.0, 0.0, 0.9))
-    discrete, mean = pde.Discrete(terms, steps, DURATION), 1.1
+    terms = equation(Quadratic(0.0, 0.0, 1.3), Quadratic(0.0, 0.0, 0.9))
+    discrete, mean = DiscreteExpectation(terms, steps, DURATION), 1.1
     dt = DURATION / steps
     exact = reference.gaussian_paths(A, 1.0, D, 1.3, 0.9, mean, dt, steps, TEMPERATURE)
     assert discrete.log_psi(np.array([mean]))[0] == pytest.approx(exact.log_psi, abs=1e-10)
@@ -148,15 +160,15 @@ def test_the_discrete_expectations_are_the_gaussian_integrals(steps):
 
 def test_two_steps_with_a_bump_are_the_double_integral():
     terms, dt, mean = quadratic_equation(bump=1.5), 0.2, 0.7
-    discrete, std = pde.Discrete(terms, 2, 2 * dt), np.sqrt(D * dt)
+    discrete, std = DiscreteExpectation(terms, 2, 2 * dt), np.sqrt(D * dt)
 
-    def one(value: float) -> float:
+    def running_factor(value: float) -> float:
         return float(np.exp(-terms.running(np.array([value])) * dt / TEMPERATURE)[0])
 
     def last(mu: float) -> float:
         return average(
             lambda x: float(np.exp(-terms.terminal(np.array([x])) / TEMPERATURE)[0]), mu
-        ) * one(mu)
+        ) * running_factor(mu)
 
     def average(fn, mu: float) -> float:
         centre = mu * (1 + A * dt)
@@ -170,6 +182,8 @@ def test_two_steps_with_a_bump_are_the_double_integral():
         average(lambda x, p=p: last(x) * (x - mean * (1 + A * dt)) ** p, mean) / psi / dt**p
         for p in (1, 2)
     ]
-    assert np.exp(discrete.log_psi(np.array([mean])))[0] == pytest.approx(psi * one(mean), rel=1e-8)
-    found = discrete.increment(np.array([mean]))
-    np.testing.assert_allclose(np.ravel(found), [moved[0], moved[1] - moved[0] ** 2], rtol=1e-6)
+    assert np.exp(discrete.log_psi(np.array([mean])))[0] == pytest.approx(
+        psi * running_factor(mean), rel=1e-8
+    )
+    increment = discrete.increment(np.array([mean]))
+    np.testing.assert_allclose(np.ravel(increment), [moved[0], moved[1] - moved[0] ** 2], rtol=1e-6)
