@@ -4,7 +4,8 @@
 
 Prints for each controller the two medians and the ratio of the working tree's to the commit's,
 below 1 where the working tree is faster: the median of the rounds' ratios with its 95 % bootstrap
-interval. Nothing is asserted.
+interval. Nothing is asserted. Each tree is measured by the benchmark program of its own, so that
+commits with another package interface can be compared.
 """
 
 import argparse
@@ -73,6 +74,7 @@ def unpack(commit: str, folder: Path) -> None:
         commit,
         "src",
         "conf",
+        "benchmarks",
         "pyproject.toml",
     ]
     archived = subprocess.run(command, capture_output=True, text=True, check=False)
@@ -113,6 +115,7 @@ def _measure(
             / "logs"
             / f"{contestant.name}-{dtype}-{tree.replace(' ', '-')}.txt",
             environment_of(path),
+            path / "benchmarks" / "subject.py",
         )
         for contestant in chosen
         for tree, path in trees.items()

@@ -29,9 +29,10 @@ def start(
     cpu: int,
     log: Path,
     env: Mapping[str, str] | None = None,
+    subject: Path = SUBJECT,
 ) -> Remote:
-    """Starts the process of one contestant, pinned to `cpu`."""
-    return Remote([python, SUBJECT, module, name, str(cpu)], log, env)
+    """Starts the process of one contestant, pinned to `cpu`; `subject` is the program that serves it."""
+    return Remote([python, subject, module, name, str(cpu)], log, env)
 
 
 def one_cpu() -> int:
