@@ -12,10 +12,10 @@ from typing import Any, NamedTuple
 
 from mppi_belief.config.cell import Cell
 from mppi_belief.errors import ConfigError
-from mppi_belief.run.local import Lanes
+from mppi_belief.run.local import LocalWorkers
 from mppi_belief.run.plan import Chunk
 from mppi_belief.run.pool import Pool
-from mppi_belief.run.worker import Setup
+from mppi_belief.run.worker import WorkerSetup
 
 TESTS = str(Path(__file__).resolve().parent)
 
@@ -105,11 +105,11 @@ def answer(config: dict[str, Any], trials: Sequence[int]) -> list[tuple[int, int
     return [(config["seed"], trial) for trial in trials]
 
 
-class AgedWorkers(Lanes):
+class AgedWorkers(LocalWorkers):
     """Workers of which one that has stopped itself, and no other, is taken for as late as can be."""
 
     def __init__(self, stopped: Path) -> None:
-        super().__init__(1, Setup([TESTS], {}))
+        super().__init__(1, WorkerSetup([TESTS], {}))
         self._stopped = stopped
 
     def age(self, future: Any) -> float:
@@ -184,7 +184,7 @@ def hang(config: dict[str, Any], trials: Sequence[int]) -> None:
 
 def hanging_pool(folder: str) -> None:
     """A parent with two busy workers, to be run in a process of its own and killed."""
-    pool = Pool(hang, Lanes(2, Setup([TESTS], {})), print)
+    pool = Pool(hang, LocalWorkers(2, WorkerSetup([TESTS], {})), print)
     for _ in pool.run([Chunk(Cell(config(folder=folder)), (trial,)) for trial in range(2)]):
         pass
 

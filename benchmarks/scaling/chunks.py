@@ -14,10 +14,11 @@ from typing import Any
 import rounds
 from mppi_belief.config import environment
 from mppi_belief.config.cell import IDENTITY, Cell
-from mppi_belief.run import executors
 from mppi_belief.run.plan import Chunk
-from mppi_belief.run.pool import Pool, Workers
-from mppi_belief.run.worker import Setup
+from mppi_belief.run.pool import Pool
+from mppi_belief.run.start_workers import make_workers
+from mppi_belief.run.worker import WorkerSetup
+from mppi_belief.run.workers import Workers
 
 from .sizes import Sizes
 
@@ -53,9 +54,9 @@ def measure(sizes: Sizes, folder: Path) -> dict[str, Any]:
     They are medians of interleaved rounds.
     """
     environment.prepare()
-    setup = Setup([str(Path(__file__).resolve().parents[1])], {})
+    setup = WorkerSetup([str(Path(__file__).resolve().parents[1])], {})
     workers_by_kind = {
-        kind: executors.workers(node, WORKERS, setup, environment.in_force())
+        kind: make_workers(node, WORKERS, setup, environment.in_force())
         for kind, node in KINDS.items()
     }
     try:

@@ -141,7 +141,8 @@ def test_jobs_that_end_before_they_work_are_not_asked_for_for_ever(tmp_path):
     ended = run(tmp_path, *SLURM, 'executor.directives=["--output=/nowhere/at/all"]')
     assert ended.code == 75
     assert re.fullmatch(
-        r"mppi-belief: \d+ jobs ended before a worker came.*; the same command goes on\n", ended.err
+        r"mppi-belief: \d+ jobs ended before a worker connected.*; the same command goes on\n",
+        ended.err,
     )
     no_jobs()
 

@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import Any
 
 from mppi_belief.config.cell import Cell
-from mppi_belief.run.local import Lanes
+from mppi_belief.run.local import LocalWorkers
 from mppi_belief.run.plan import Chunk
 from mppi_belief.run.pool import Pool
-from mppi_belief.run.worker import Setup
+from mppi_belief.run.worker import WorkerSetup
 from study_helpers import TESTS, config, poll
 
 HERE = str(Path(__file__).parent)
@@ -28,7 +28,7 @@ def fly(folder: str) -> None:
     """A parent, to be run in a process of its own."""
     pool = Pool(
         bulky,
-        Lanes(1, Setup([TESTS, HERE], {})),
+        LocalWorkers(1, WorkerSetup([TESTS, HERE], {})),
         lambda line: print(line.partition(": ")[2], flush=True),
     )
     chunks = [Chunk(Cell(config(folder=folder)), (trial,)) for trial in range(3)]

@@ -13,9 +13,9 @@ from mppi_belief.config.cell import Cell
 from mppi_belief.report.summary import summarise_trials
 from mppi_belief.results.table import read_table, result_hash
 from mppi_belief.run import pool
-from mppi_belief.run.local import Lanes
+from mppi_belief.run.local import LocalWorkers
 from mppi_belief.run.plan import Chunk
-from mppi_belief.run.worker import Lost, Overtime, Setup
+from mppi_belief.run.worker import Failure, TimeLimitExceeded, WorkerSetup
 from study_helpers import TESTS, AgedWorkers, answer, config
 
 MINE = str(Path(__file__).parent / "mine")
@@ -115,14 +115,14 @@ def test_a_trial_that_holds_all_threads_is_ended_from_outside(tmp_path):
     assert said.code == 3
     (rows,) = run.rows().values()
     assert rows["status"].tolist() == ["ok", "ok", "ok", "timeout"]
-    assert "no timing (Overtime: not done after" in said.err
+    assert "no timing (TimeLimitExceeded: not done after" in said.err
 
 
 def test_a_call_whose_worker_cannot_look_at_the_clock_is_ended_from_outside(tmp_path):
     """It has stopped altogether; once is enough."""
     stopped = tmp_path / "stopped"
     alone = pool.Pool(answer, AgedWorkers(stopped), print, seconds=60)
-    with pytest.raises(Overtime):
+    with pytest.raises(TimeLimitExceeded):
         alone.call(answer, config(stops=1, stopped=str(stopped)), [1])
     assert alone.call(answer, config(), [1]) == [(0, 1)]
     alone.close()
@@ -131,8 +131,8 @@ def test_a_call_whose_worker_cannot_look_at_the_clock_is_ended_from_outside(tmp_
 def test_an_exception_that_cannot_be_unpickled_is_the_trials_own():
     """It would pass for the death of the worker: only its words come back."""
     log: list[str] = []
-    running = pool.Pool(unpicklable, Lanes(1, Setup([TESTS, HERE], {})), log.append)
+    running = pool.Pool(unpicklable, LocalWorkers(1, WorkerSetup([TESTS, HERE], {})), log.append)
     done = [*running.run([Chunk(Cell(config()), (0, 1, 2))])]
     running.close()
-    assert [one.outcome for one in done] == [[0], Lost("error", "Unpicklable: two words"), [2]]
+    assert [one.outcome for one in done] == [[0], Failure("error", "Unpicklable: two words"), [2]]
     assert log == []

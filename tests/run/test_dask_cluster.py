@@ -17,18 +17,19 @@ from mppi_belief.errors import ConfigError
 from mppi_belief.results import table as results
 from mppi_belief.results.contents import read_rows
 from mppi_belief.run import dask as cluster
-from mppi_belief.run import executors
-from mppi_belief.run.dask import Cluster, Site, run_there
-from mppi_belief.run.local import Lanes, WorkerDied, WorkersGone
+from mppi_belief.run.dask import DaskWorkers, SchedulerConnection, run_in_worker
+from mppi_belief.run.local import LocalWorkers
 from mppi_belief.run.plan import Chunk
 from mppi_belief.run.pool import Pool
 from mppi_belief.run.runner import run_study
 from mppi_belief.run.signals import StoppedAtOnce
-from mppi_belief.run.task import Order, Task
-from mppi_belief.run.worker import Overtime, Setup
+from mppi_belief.run.start_workers import make_workers
+from mppi_belief.run.task import StudyOrder, TrialFunctions
+from mppi_belief.run.worker import TimeLimitExceeded, WorkerSetup
+from mppi_belief.run.workers import WorkerDied, WorkersGone
 from study_helpers import TESTS, config, device, failed_row, limited, record, run_trials, time_steps
 
-NOTHING = Setup([], {})
+NOTHING = WorkerSetup([], {})
 
 
 @pytest.fixture(autouse=True)
@@ -96,12 +97,14 @@ class Client:
         raise TimeoutError("the loop is gone")
 
 
-def made(client: Client, count: int = 2, **more: Any) -> Cluster:
-    return Cluster(lambda: Site(client, more.pop("end", lambda: None), **more), count, NOTHING)
+def made(client: Client, count: int = 2, **more: Any) -> DaskWorkers:
+    return DaskWorkers(
+        lambda: SchedulerConnection(client, more.pop("end", lambda: None), **more), count, NOTHING
+    )
 
 
 def test_there_is_room_for_one_chunk_a_worker_that_is_there(monkeypatch):
-    monkeypatch.setattr(cluster, "GLANCE", 1e9)
+    monkeypatch.setattr(cluster, "POLL_INTERVAL", 1e9)
     client = Client(workers=3)
     workers = made(client, count=5)
     assert workers.room() == 3
@@ -112,10 +115,10 @@ def test_there_is_room_for_one_chunk_a_worker_that_is_there(monkeypatch):
 
 
 def test_a_death_makes_it_look_again(monkeypatch):
-    monkeypatch.setattr(cluster, "GLANCE", 1e9)
+    monkeypatch.setattr(cluster, "POLL_INTERVAL", 1e9)
     client = Client()
     seen: list[list[str]] = []
-    workers = made(client, tend=seen.append)
+    workers = made(client, replace_missing=seen.append)
     assert workers.room() == 2
     future = workers.submit(print)
     client.names.pop()
@@ -129,8 +132,8 @@ def test_a_death_makes_it_look_again(monkeypatch):
 
 def test_waiting_is_said_once(monkeypatch):
     said: list[str] = []
-    monkeypatch.setattr(cluster, "note", said.append)
-    monkeypatch.setattr(cluster, "GLANCE", 0.0)
+    monkeypatch.setattr(cluster, "log_on_terminal", said.append)
+    monkeypatch.setattr(cluster, "POLL_INTERVAL", 0.0)
     workers = made(Client(workers=0), count=7)
     assert [workers.room() for _ in range(3)] == [0, 0, 0]
     assert said == ["waiting for 7 workers"]
@@ -147,7 +150,7 @@ def test_waiting_is_said_once(monkeypatch):
             "No module named 'mppi_belief'",
         ),
         (("tcp://w", None, ConfigError("two threads")), ConfigError, "two threads"),
-        (("tcp://w", None, Overtime("not done")), Overtime, "not done"),
+        (("tcp://w", None, TimeLimitExceeded("not done")), TimeLimitExceeded, "not done"),
     ],
     ids=lambda value: type(value).__name__,
 )
@@ -171,12 +174,12 @@ def test_the_worker_of_a_trial_that_hangs_is_ended():
     client = Client()
     workers = made(client)
     future = workers.submit(print)
-    client.tasks[0].end(("tcp://worker-1", None, Overtime("not done")))
-    with pytest.raises(Overtime):
+    client.tasks[0].end(("tcp://worker-1", None, TimeLimitExceeded("not done")))
+    with pytest.raises(TimeLimitExceeded):
         workers.collect(future)
     workers.discard(future)
     assert client.ran == [
-        (cluster._exit, {"workers": ["tcp://worker-1"], "wait": False, "on_error": "ignore"})
+        (cluster.exit_worker, {"workers": ["tcp://worker-1"], "wait": False, "on_error": "ignore"})
     ]
 
 
@@ -244,17 +247,21 @@ def unpicklable() -> None:
 
 
 def there(
-    monkeypatch, function: Any = int, setup: Setup = NOTHING, threads: int = 1, **versions: str
+    monkeypatch,
+    function: Any = int,
+    setup: WorkerSetup = NOTHING,
+    threads: int = 1,
+    **versions: str,
 ) -> Any:
     """What a worker answers that was just started."""
     worker = SimpleNamespace(address="tcp://w:1", state=SimpleNamespace(nthreads=threads))
     monkeypatch.setattr(distributed, "get_worker", lambda: worker)
-    monkeypatch.setattr(cluster, "_entered", [])
+    monkeypatch.setattr(cluster, "_applied_setups", [])
     python = sys.version_info[0], int(versions.pop("minor", sys.version_info[1]))
     given = pickle.dumps(
-        (setup, {name: cluster.version(name) for name in cluster.SAME} | versions, python)
+        (setup, {name: cluster.version(name) for name in cluster.SAME_VERSIONS} | versions, python)
     )
-    return run_there(given, pickle.dumps((function, ())))
+    return run_in_worker(given, pickle.dumps((function, ())))
 
 
 def test_a_worker_answers_with_its_address(monkeypatch):
@@ -267,7 +274,7 @@ def test_a_worker_answers_with_its_address(monkeypatch):
         ({"jax": "0.1"}, r"the worker tcp://w:1 has jax \d.*, here it is 0.1"),
         ({"minor": "2"}, r"runs Python 3\.\d+"),
         ({"threads": 2}, "2 threads: start it with --nthreads 1"),
-        ({"setup": Setup(["/not/here"], {})}, "--config-dir: .* does not see /not/here"),
+        ({"setup": WorkerSetup(["/not/here"], {})}, "--config-dir: .* does not see /not/here"),
     ],
 )
 def test_a_worker_that_would_give_other_results_refuses(how, line, monkeypatch):
@@ -282,15 +289,15 @@ def test_an_exception_that_cannot_be_sent_is_told_in_words(monkeypatch):
 
 
 def test_real_workers_one_of_which_is_killed_give_the_same_results(tmp_path):
-    task = Task(lambda config: None, run_trials, time_steps, failed_row, record, device)
+    task = TrialFunctions(lambda config: None, run_trials, time_steps, failed_row, record, device)
     hashes, flag = {}, tmp_path / "flag"
     for kind in ("local", "dask"):
         flag.touch() if kind == "local" else flag.unlink()  # nobody dies here
         cell = Cell(config(dies_once=13, flag=str(flag)))
-        workers = executors.workers({"kind": kind}, 2, Setup([TESTS], {}), {})
-        assert isinstance(workers, Lanes if kind == "local" else Cluster)
+        workers = make_workers({"kind": kind}, 2, WorkerSetup([TESTS], {}), {})
+        assert isinstance(workers, LocalWorkers if kind == "local" else DaskWorkers)
         outcome = run_study(
-            [cell], Order(40, seconds=60.0), tmp_path / kind, task, workers, ["test"]
+            [cell], StudyOrder(40, seconds=60.0), tmp_path / kind, task, workers, ["test"]
         )
         assert outcome.ran == {cell.id: 40}
         hashes[kind] = results.result_hash(read_rows(tmp_path / kind / cell.id))

@@ -9,11 +9,17 @@ import pytest
 from cli_helpers import SMALL, call, collect, files_in
 from mppi_belief.config.cell import Cell
 from mppi_belief.errors import ConfigError
-from mppi_belief.run import executors
-from mppi_belief.run.dask import Cluster
-from mppi_belief.run.executors import Dask, Local, Slurm, read, workers
-from mppi_belief.run.local import Lanes
-from mppi_belief.run.worker import Setup
+from mppi_belief.run import start_workers
+from mppi_belief.run.dask import DaskWorkers
+from mppi_belief.run.executors import (
+    DaskExecutor,
+    LocalExecutor,
+    SlurmExecutor,
+    read_executor,
+)
+from mppi_belief.run.local import LocalWorkers
+from mppi_belief.run.start_workers import make_workers
+from mppi_belief.run.worker import WorkerSetup
 
 BAD = [
     "executor=slrum",
@@ -50,10 +56,10 @@ def test_bad_settings_are_one_line_and_leave_no_trace(line, tmp_path, capsys):
 
 def test_every_option_of_the_group_is_read_and_says_all_its_settings():
     made = {
-        name: read(collect(f"executor={name}")[0]["executor"])
+        name: read_executor(collect(f"executor={name}")[0]["executor"])
         for name in ("local", "dask", "slurm")
     }
-    assert made == {"local": Local(), "dask": Dask(), "slurm": Slurm()}
+    assert made == {"local": LocalExecutor(), "dask": DaskExecutor(), "slurm": SlurmExecutor()}
     for name, settings in made.items():
         (config,) = collect(f"executor={name}")
         assert {*config["executor"]} == {"kind", *settings.__dataclass_fields__}
@@ -66,8 +72,8 @@ def test_settings_reach_the_executor():
         "executor.memory=1.5GB",
         "executor.directives=[-x,-y]",
     ]
-    settings = read(collect(*args, "executor.walltime=2-00:00:00")[0]["executor"])
-    assert settings == Slurm(
+    settings = read_executor(collect(*args, "executor.walltime=2-00:00:00")[0]["executor"])
+    assert settings == SlurmExecutor(
         partition="long", memory="1.5GB", directives=["-x", "-y"], walltime="2-00:00:00"
     )
 
@@ -88,16 +94,16 @@ def test_nothing_is_started_before_it_is_needed(monkeypatch):
     def never(*args: object) -> None:
         raise AssertionError("too early")
 
-    monkeypatch.setattr(executors, "_dask", never)
-    monkeypatch.setattr(executors, "_slurm", never)
-    setup = Setup(["here"], {"JAX_PLATFORMS": "cuda"})
-    local = workers({"kind": "local"}, 3, setup, {})
-    assert isinstance(local, Lanes)
-    assert (local.count, local.elsewhere) == (3, True)
+    monkeypatch.setattr(start_workers, "connect_dask", never)
+    monkeypatch.setattr(start_workers, "connect_slurm", never)
+    setup = WorkerSetup(["here"], {"JAX_PLATFORMS": "cuda"})
+    local = make_workers({"kind": "local"}, 3, setup, {})
+    assert isinstance(local, LocalWorkers)
+    assert (local.count, local.own_environment) == (3, True)
     for kind in ("dask", "slurm"):
-        made = workers({"kind": kind}, 4, setup, {"NPROC": "1", "JAX_PLATFORMS": "cpu"})
-        assert isinstance(made, Cluster)
-        assert (made.count, made.elsewhere) == (4, True)
+        made = make_workers({"kind": kind}, 4, setup, {"NPROC": "1", "JAX_PLATFORMS": "cpu"})
+        assert isinstance(made, DaskWorkers)
+        assert (made.count, made.own_environment) == (4, True)
         made.close()
         with pytest.raises(AssertionError, match="too early"):
             made.room()
@@ -106,11 +112,11 @@ def test_nothing_is_started_before_it_is_needed(monkeypatch):
 @pytest.mark.parametrize("kind", ["dask", "slurm"])
 def test_a_missing_extra_is_named(kind, monkeypatch):
     monkeypatch.setattr(
-        "importlib.util.find_spec",
+        "mppi_belief.run.start_workers.find_spec",
         lambda name: None if "da" in name or "dist" in name else find_spec(name),
     )
     with pytest.raises(ConfigError, match=r"mppi-belief\[cluster\]"):
-        workers({"kind": kind}, 1, Setup([], {}), {})
+        make_workers({"kind": kind}, 1, WorkerSetup([], {}), {})
 
 
 def test_a_scheduler_that_does_not_answer_is_exit_code_75_and_nothing_is_written(tmp_path, capsys):

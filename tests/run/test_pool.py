@@ -13,10 +13,12 @@ import pytest
 
 from mppi_belief.config.cell import Cell
 from mppi_belief.errors import ConfigError
-from mppi_belief.run.local import Lanes, WorkerDied, WorkersGone
-from mppi_belief.run.plan import Chunk
+from mppi_belief.run.chunk_queue import ChunkQueue
+from mppi_belief.run.local import LocalWorkers
+from mppi_belief.run.plan import Chunk, NamedTask
 from mppi_belief.run.pool import Pool
-from mppi_belief.run.worker import Lost, Overtime, Setup
+from mppi_belief.run.worker import Failure, TimeLimitExceeded, WorkerSetup
+from mppi_belief.run.workers import WorkerDied, WorkersGone
 from study_helpers import (
     TESTS,
     AgedWorkers,
@@ -28,6 +30,8 @@ from study_helpers import (
     path_and_environment,
     poll,
 )
+
+HERE = str(Path(__file__).resolve().parent)
 
 
 @pytest.fixture(autouse=True)
@@ -45,7 +49,12 @@ def split(cell: Cell, n_trials: int, size: int) -> list[Chunk]:
 
 def local_pool(work: Any, workers: int, log: Any = print, *paths: str, **how: Any) -> Pool:
     """A pool of so many workers on this machine."""
-    return Pool(work, Lanes(workers, Setup([TESTS, *paths], how.pop("variables", {}))), log, **how)
+    return Pool(
+        work,
+        LocalWorkers(workers, WorkerSetup([TESTS, *paths], how.pop("variables", {}))),
+        log,
+        **how,
+    )
 
 
 class Ran:
@@ -60,7 +69,9 @@ class Ran:
             pair for done in self.yielded if isinstance(done.outcome, list) for pair in done.outcome
         ]
         self.lost = [
-            (done.trials, done.outcome) for done in self.yielded if isinstance(done.outcome, Lost)
+            (done.trials, done.outcome)
+            for done in self.yielded
+            if isinstance(done.outcome, Failure)
         ]
 
 
@@ -92,7 +103,7 @@ def test_a_device_that_is_gone_is_no_trials_fault():
 def test_an_exception_loses_its_batch_and_no_other():
     for batch, lost in ((1, (5,)), (2, (4, 5))):
         ran = Ran(split(Cell(config(batch=batch, raises=5)), 9, 6))
-        assert ran.lost == [(lost, Lost("error", "ValueError: trial 5 is cursed"))]
+        assert ran.lost == [(lost, Failure("error", "ValueError: trial 5 is cursed"))]
         assert sorted(trial for _, trial in ran.answers) == [
             trial for trial in range(9) if trial not in lost
         ]
@@ -116,37 +127,86 @@ def test_a_worker_that_dies_once_costs_no_trial(tmp_path):
     assert "a worker died" in ran.log[0]
 
 
-def test_short_chunks_are_run_together_and_everybody_has_some(tmp_path):
-    pool = local_pool(answer, 2)
-    sizes = []
-    before = pool._workers.submit
+class CountingWorkers(LocalWorkers):
+    """Workers that note how many trials they are given."""
 
-    def submit(function: Any, *args: Any) -> Any:
-        sizes.append(len(args[2]))
-        return before(function, *args)
+    def __init__(self, count: int) -> None:
+        super().__init__(count, WorkerSetup([TESTS], {}))
+        self.sizes: list[int] = []
 
-    pool._workers.submit = submit
-    done = [trial for one in pool.run(split(Cell(config()), 1000, 1)) for trial in one.trials]
-    pool.close()
-    assert sorted(done) == list(range(1000))
-    assert (sizes[0], max(sizes) > 50, max(sizes) <= 250) == (
-        1,
-        True,
-        True,
-    )  # a quarter of what is left, or half a second
+    def submit(self, function: Any, *args: Any) -> Any:
+        self.sizes.append(len(args[2]))
+        return super().submit(function, *args)
+
+
+def test_short_chunks_are_run_together_and_everybody_has_some():
+    workers = CountingWorkers(2)
+    with Pool(answer, workers, print) as pool:
+        batches = list(pool.run(split(Cell(config()), 1000, 1)))
+    assert sorted(batch.trials[0] for batch in batches) == list(range(1000))
+    sizes = workers.sizes
+    assert sizes[0] == 1
+    assert 50 < max(sizes) <= 250  # a quarter of what is left, or half a second
     assert sizes[-1] < max(sizes)
 
 
-def test_the_order_to_share_out_long_chunks_is_kept():
-    """Nothing is run together that takes long enough by itself."""
-    pool = local_pool(answer, 1)
+def queue_of(cell: Cell, n_trials: int, size: int, pace: float) -> ChunkQueue:
+    """Returns the queue of one worker, which takes half a second at a time, with another long chunk behind."""
+    queue = ChunkQueue(grain=0.5, workers=1)
+    for chunk in split(cell, n_trials, size):
+        queue.add(chunk)
+    queue.add(Chunk(cell, tuple(range(n_trials, 10 * n_trials))))
+    queue.set_pace(cell.id, pace)
+    return queue
+
+
+def test_chunks_are_run_together_up_to_the_time_that_they_should_take():
     cell = Cell(config())
-    pool._pace[cell.id], pool._left[cell.id] = 0.2, 100
-    pool._waiting.extend(split(cell, 10, 2))
-    assert [pool._next().trials for _ in range(5)] == [(0, 1), (2, 3), (4, 5), (6, 7), (8, 9)]
-    pool._pace[cell.id] = 0.1
-    pool._waiting.extend(split(cell, 10, 2))
-    assert [pool._next().trials for _ in range(3)] == [(0, 1, 2, 3), (4, 5, 6, 7), (8, 9)]
+    queue = queue_of(cell, 10, 2, pace=0.2)
+    assert [queue.next().trials for _ in range(5)] == [(0, 1), (2, 3), (4, 5), (6, 7), (8, 9)]
+    queue = queue_of(cell, 10, 2, pace=0.1)
+    assert [queue.next().trials for _ in range(3)] == [(0, 1, 2, 3), (4, 5, 6, 7), (8, 9)]
+
+
+def test_the_shortest_pace_counts_since_the_first_trial_compiles():
+    cell = Cell(config())
+    queue = queue_of(cell, 10, 2, pace=0.1)
+    queue.set_pace(cell.id, 30.0)
+    assert queue.next().trials == (0, 1, 2, 3)
+
+
+def test_what_must_run_again_comes_first():
+    cell = Cell(config())
+    queue = ChunkQueue(grain=0.5, workers=1)
+    queue.add(Chunk(cell, (9,)))
+    queue.repeat(Chunk(cell, (3,)))
+    queue.repeat_next(Chunk(cell, (1,)), Chunk(cell, (2,)))
+    assert len(queue) == 4
+    assert [queue.next().trials for _ in range(4)] == [(1,), (2,), (3,), (9,)]
+    assert not queue
+
+
+def named_answer(config: dict[str, Any], trials: Any) -> str:
+    """Returns the name of a task, after whatever misfortune it asks for."""
+    answer({"seed": 0, "system": config}, trials)
+    return str(config["name"])
+
+
+def test_named_tasks_run_as_chunks_do():
+    wishes = {"fine": {}, "cursed": {"raises": 0}, "fatal": {"exits": 0}}
+    tasks = [NamedTask(name, {"name": name, **wish}) for name, wish in wishes.items()]
+    log: list[str] = []
+    with local_pool(named_answer, 2, log.append, HERE) as pool:
+        batches = list(pool.run([Chunk(task, (0,)) for task in tasks]))
+    assert {batch.job.id: batch.outcome for batch in batches} == {
+        "fine": "fine",
+        "cursed": Failure("error", "ValueError: trial 0 is cursed"),
+        "fatal": Failure("crashed", "the worker process died 2 times in this task"),
+    }
+    assert log == [
+        "fatal: its worker died; running it again",
+        "fatal: it killed its worker 2 times; given up",
+    ]
 
 
 @pytest.mark.parametrize("workers", [1, 2])
@@ -155,7 +215,7 @@ def test_a_trial_that_hangs_is_given_up_and_its_worker_ended(workers, tmp_path):
     pool = local_pool(answer, workers, log.append, seconds=2.0)
     done = {done.trials[0]: done.outcome for done in pool.run(split(Cell(config(hangs=5)), 12, 4))}
     pool.close()
-    assert done.pop(5) == Lost("timeout", "not done after 2 s")
+    assert done.pop(5) == Failure("timeout", "not done after 2 s")
     assert done == {trial: [(0, trial)] for trial in range(12) if trial != 5}
     assert [line for line in log if "trial 5: not done after 2 s; given up" in line] == log
 
@@ -167,7 +227,7 @@ def test_a_worker_that_cannot_even_look_at_the_clock_is_ended(tmp_path):
     cell = Cell(config(stops=1, stopped=str(stopped)))
     done = {done.trials[0]: done.outcome for done in pool.run(split(cell, 3, 2))}
     pool.close()
-    assert done.pop(1) == Lost("timeout", "not done after 60 s")
+    assert done.pop(1) == Failure("timeout", "not done after 60 s")
     assert done == {trial: [(0, trial)] for trial in (0, 2)}
     assert ["ended a worker that hangs" in log[0], "it hangs; given up" in log[1], len(log)] == [
         True,
@@ -178,7 +238,7 @@ def test_a_worker_that_cannot_even_look_at_the_clock_is_ended(tmp_path):
 
 def test_a_call_that_hangs_is_given_up(tmp_path):
     pool = local_pool(answer, 1, seconds=2.0)
-    with pytest.raises(Overtime):
+    with pytest.raises(TimeLimitExceeded):
         pool.call(answer, config(hangs=1), [1])
     assert pool.call(answer, config(), [1]) == [(0, 1)]
     pool.close()
@@ -193,17 +253,17 @@ def test_workers_that_die_while_they_start_end_the_run():
 
 
 def test_a_worker_killed_while_it_starts_or_has_nothing_to_do_costs_nothing():
-    pool = local_pool(answer, 1)
-    lane = pool._workers._lanes[0]
+    workers = LocalWorkers(1, WorkerSetup([TESTS], {}))
+    pool = Pool(answer, workers, print)
     for wait_for_it in (False, True):
-        future = pool._workers.submit(answer, config(), [1])
+        future = workers.submit(answer, config(), [1])
         if wait_for_it:
-            assert pool._workers.collect(future) == [(0, 1)]
-        lane.kill()
-        poll(lambda: not any(process.is_alive() for process in lane._processes))
+            assert workers.collect(future) == [(0, 1)]
+        os.kill(workers.process_ids[0], signal.SIGKILL)
+        poll(lambda: workers.process_ids == [])
         if not wait_for_it:
             with pytest.raises(WorkerDied):
-                pool._workers.collect(future)
+                workers.collect(future)
     assert [done.outcome for done in pool.run(split(Cell(config()), 2, 1))] == [[(0, 0)], [(0, 1)]]
     pool.close()
 

@@ -17,14 +17,14 @@ from mppi_belief.errors import ConfigError
 from mppi_belief.results import files
 from mppi_belief.results import table as results
 from mppi_belief.results.contents import read_rows
-from mppi_belief.run import writer as ledger
-from mppi_belief.run.local import Lanes
+from mppi_belief.run import writer
+from mppi_belief.run.local import LocalWorkers
 from mppi_belief.run.pool import Pool
 from mppi_belief.run.runner import run_study
 from mppi_belief.run.signals import StoppedAtOnce, polite_stop
-from mppi_belief.run.task import Order, Outcome, Task
-from mppi_belief.run.worker import Setup
-from mppi_belief.run.writer import Ledger
+from mppi_belief.run.task import StudyOrder, StudyOutcome, TrialFunctions
+from mppi_belief.run.worker import WorkerSetup
+from mppi_belief.run.writer import ResultsWriter
 from study_helpers import (
     TESTS,
     answer,
@@ -55,15 +55,15 @@ class Study:
         self.checked.append(config["seed"])
         self._check(config)
 
-    def run(self, *cells: Cell, n_trials: int = 12, workers: int = 1, **order: Any) -> Outcome:
-        task = Task(self.check, run_trials, time_steps, failed_row, record, self.device)
-        setup = Setup([TESTS], self.variables or {})
+    def run(self, *cells: Cell, n_trials: int = 12, workers: int = 1, **order: Any) -> StudyOutcome:
+        task = TrialFunctions(self.check, run_trials, time_steps, failed_row, record, self.device)
+        setup = WorkerSetup([TESTS], self.variables or {})
         return run_study(
             cells,
-            Order(n_trials, **order),
+            StudyOrder(n_trials, **order),
             self.root,
             task,
-            Lanes(workers, setup),
+            LocalWorkers(workers, setup),
             ["mppi-belief", "run"],
         )
 
@@ -80,14 +80,14 @@ def test_a_study_runs_once_and_a_larger_one_only_adds(study, tmp_path):
     notes = tmp_path / "notes"
     first, second = (Cell(config(seed=seed, notes=str(notes))) for seed in (1, 2))
     outcome = study.run(first, second)
-    assert outcome == Outcome({first.id: 12, second.id: 12}, {first.id: 0, second.id: 0}, None)
+    assert outcome == StudyOutcome({first.id: 12, second.id: 12}, {first.id: 0, second.id: 0}, None)
     before = {path: path.stat().st_mtime_ns for path in study.root.rglob("*.parquet")}
 
-    assert study.run(first, second) == Outcome(
+    assert study.run(first, second) == StudyOutcome(
         {first.id: 0, second.id: 0}, {first.id: 12, second.id: 12}, None
     )
-    assert study.run(first, n_trials=5) == Outcome({first.id: 0}, {first.id: 5}, None)
-    assert study.run(second, n_trials=15) == Outcome({second.id: 3}, {second.id: 12}, None)
+    assert study.run(first, n_trials=5) == StudyOutcome({first.id: 0}, {first.id: 5}, None)
+    assert study.run(second, n_trials=15) == StudyOutcome({second.id: 3}, {second.id: 12}, None)
     assert study.checked == [1, 2, 2]
     assert {path: path.stat().st_mtime_ns for path in before} == before
     (new,) = set(study.root.rglob("part-*")) - set(before)
@@ -124,7 +124,7 @@ def test_trials_without_result_are_written_down_and_counted_as_done(
     assert set(bad["status"]) == {status}
     assert set(bad["error"]) == {error}
     assert rows["trial"].tolist() == list(range(12))
-    assert study.run(cell) == Outcome({cell.id: 0}, {cell.id: 12}, None)
+    assert study.run(cell) == StudyOutcome({cell.id: 0}, {cell.id: 12}, None)
 
 
 def test_all_cells_with_missing_trials_are_checked_before_any_runs(tmp_path):
@@ -196,7 +196,7 @@ def test_where_all_is_done_no_device_is_asked_for(study):
     cell = Cell(config())
     study.run(cell)
     study.device = partial(answer, trials=[-1], config=config(raises=-1))
-    assert study.run(cell) == Outcome({cell.id: 0}, {cell.id: 12}, None)
+    assert study.run(cell) == StudyOutcome({cell.id: 0}, {cell.id: 12}, None)
 
 
 def test_a_disk_that_fills_up_ends_a_study_and_its_workers_and_keeps_what_was_written(
@@ -211,13 +211,13 @@ def test_a_disk_that_fills_up_ends_a_study_and_its_workers_and_keeps_what_was_wr
         write(*args)
 
     monkeypatch.setattr(results, "write_rows", write_rows)
-    monkeypatch.setattr(ledger, "LONGEST", 0.0)
+    monkeypatch.setattr(writer, "LONGEST_WAIT", 0.0)
     with pytest.raises(OSError, match="No space left"):
         study.run(cell, n_trials=50)
     assert multiprocessing.active_children() == []
     monkeypatch.undo()
     assert len(study.rows(cell)) == 10
-    assert study.run(cell, n_trials=50) == Outcome({cell.id: 40}, {cell.id: 10}, None)
+    assert study.run(cell, n_trials=50) == StudyOutcome({cell.id: 40}, {cell.id: 10}, None)
 
 
 def test_a_torn_file_costs_its_trials_only(study, capsys):
@@ -226,7 +226,7 @@ def test_a_torn_file_costs_its_trials_only(study, capsys):
     study.run(cell, n_trials=22)
     first, _ = sorted((study.root / cell.id).glob("part-*"))
     first.write_bytes(first.read_bytes()[:100])
-    assert study.run(cell, n_trials=22) == Outcome({cell.id: 12}, {cell.id: 10}, None)
+    assert study.run(cell, n_trials=22) == StudyOutcome({cell.id: 12}, {cell.id: 10}, None)
     assert first.name in capsys.readouterr().err
     assert study.rows(cell)["trial"].tolist() == list(range(22))
 
@@ -259,12 +259,12 @@ def test_a_recording_is_made_once_and_only_where_a_cell_asks_for_one(study):
 
 def test_a_worker_that_dies_over_a_recording_leaves_none_and_the_rest_as_it_is(study):
     dying, living = (Cell(config(seed=seed, exits=99) | {"record": 99}) for seed in (0, 1))
-    fatal = Task(
+    fatal = TrialFunctions(
         study.check, run_trials, time_steps, failed_row, partial(answer, trials=[99]), device
     )
-    lanes = Lanes(1, Setup([TESTS], {}))
-    outcome = run_study([dying], Order(12), study.root, fatal, lanes, ["mppi-belief", "run"])
-    assert outcome == Outcome({dying.id: 12}, {dying.id: 0}, None)
+    lanes = LocalWorkers(1, WorkerSetup([TESTS], {}))
+    outcome = run_study([dying], StudyOrder(12), study.root, fatal, lanes, ["mppi-belief", "run"])
+    assert outcome == StudyOutcome({dying.id: 12}, {dying.id: 0}, None)
     assert multiprocessing.active_children() == []
     assert study.rows(dying)["status"].tolist() == ["ok"] * 12
     assert files.read_json(study.root / dying.id, "timing") is not None
@@ -291,15 +291,15 @@ def test_the_first_signal_asks_the_second_ends_and_handlers_are_put_back():
 
 def interrupt_at_the_first_result(monkeypatch: pytest.MonkeyPatch, times: int) -> None:
     """So many Ctrl-C arrive with the first result."""
-    before = Ledger.keep
+    add = ResultsWriter.add
 
-    def keep(self: Ledger, done: Any) -> None:
-        monkeypatch.setattr(Ledger, "keep", before)
+    def add_after_signals(self: ResultsWriter, batch: Any) -> None:
+        monkeypatch.setattr(ResultsWriter, "add", add)
         for _ in range(times):
             signal.raise_signal(signal.SIGINT)
-        before(self, done)
+        add(self, batch)
 
-    monkeypatch.setattr(Ledger, "keep", keep)
+    monkeypatch.setattr(ResultsWriter, "add", add_after_signals)
 
 
 def test_one_signal_keeps_what_runs_and_the_rest_waits_for_the_next_run(study, monkeypatch):
@@ -307,11 +307,11 @@ def test_one_signal_keeps_what_runs_and_the_rest_waits_for_the_next_run(study, m
     interrupt_at_the_first_result(monkeypatch, times=1)
     outcome = study.run(cell, n_trials=50)
     kept = study.rows(cell)["trial"].tolist()
-    assert outcome == Outcome({cell.id: len(kept)}, {cell.id: 0}, signal.SIGINT)
+    assert outcome == StudyOutcome({cell.id: len(kept)}, {cell.id: 0}, signal.SIGINT)
     assert kept[:10] == list(range(10))
     assert len(kept) < 50
     assert files.read_json(study.root / cell.id, "timing") is None
-    assert study.run(cell, n_trials=50) == Outcome(
+    assert study.run(cell, n_trials=50) == StudyOutcome(
         {cell.id: 50 - len(kept)}, {cell.id: len(kept)}, None
     )
 

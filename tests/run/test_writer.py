@@ -10,12 +10,13 @@ import pyarrow.parquet as pq
 import pytest
 
 from mppi_belief.config.cell import Cell
+from mppi_belief.results import table as results
 from mppi_belief.results.contents import read_cell, read_rows
-from mppi_belief.run import writer as ledger
-from mppi_belief.run.pool import Done
-from mppi_belief.run.task import Task
-from mppi_belief.run.worker import Lost
-from mppi_belief.run.writer import Ledger
+from mppi_belief.run import writer as writing
+from mppi_belief.run.pool import CompletedBatch
+from mppi_belief.run.task import TrialFunctions
+from mppi_belief.run.worker import Failure
+from mppi_belief.run.writer import ResultsWriter
 from study_helpers import Batch, config, failed_row, row
 
 HERE, THERE = {"host": "here", "processor": "x"}, {"host": "there", "processor": "y"}
@@ -34,19 +35,19 @@ class Clock:
 @pytest.fixture
 def clock(monkeypatch) -> Clock:
     made = Clock()
-    monkeypatch.setattr(ledger, "time", made)
+    monkeypatch.setattr(writing, "time", made)
     return made
 
 
 @pytest.fixture
-def kept(tmp_path, clock) -> Ledger:
+def writer(tmp_path, clock) -> ResultsWriter:
     nothing: Any = None
-    task = Task(nothing, nothing, nothing, failed_row, nothing, nothing)
-    return Ledger(tmp_path, task, {"commit": "a", "device": "cpu"})
+    task = TrialFunctions(nothing, nothing, nothing, failed_row, nothing, nothing)
+    return ResultsWriter(tmp_path, task, {"commit": "a", "device": "cpu"})
 
 
-def done(*trials: int, seed: int = 0, where: dict[str, str] = HERE) -> Done:
-    return Done(
+def done(*trials: int, seed: int = 0, where: dict[str, str] = HERE) -> CompletedBatch:
+    return CompletedBatch(
         Cell(config(seed=seed)), trials, Batch([row(trial) for trial in trials], [], None), where
     )
 
@@ -56,47 +57,50 @@ def parts(root: Path) -> list[Path]:
 
 
 def test_the_first_results_are_written_after_a_moment_and_later_ones_wait_longer(
-    kept, clock, tmp_path
+    writer, clock, tmp_path, monkeypatch
 ):
-    waited = []
+    written: list[float] = []
+    write_rows = results.write_rows
+
+    def timed_write(*args: Any) -> None:
+        written.append(clock.now)
+        write_rows(*args)
+
+    monkeypatch.setattr(results, "write_rows", timed_write)
+    start_time = clock.now
     for trial in range(4000):
         clock.now += 0.125
-        kept.keep(done(trial))
-        before = len(parts(tmp_path)) if trial < 200 else None
-        began = kept._written
-        kept.write_in_time()
-        if kept._written != began:
-            waited.append(clock.now - began)
+        writer.add(done(trial))
+        writer.write_when_due()
         if trial == 0:
             assert parts(tmp_path) == []
-        if before == 0 and trial > 0:
-            assert len(parts(tmp_path)) == 1
-    assert waited[0] == pytest.approx(ledger.SHORTEST, abs=0.125)
-    assert all(later >= earlier - 0.125 for earlier, later in itertools.pairwise(waited))
-    assert ledger.SHARE * 500 - 2 < max(waited) <= ledger.LONGEST + 0.125
-    assert len(parts(tmp_path)) == len(waited) < 120
-    kept.write()
+    waits = [later - earlier for earlier, later in itertools.pairwise([start_time, *written])]
+    assert waits[0] == pytest.approx(writing.SHORTEST_WAIT, abs=0.125)
+    assert all(later >= earlier - 0.125 for earlier, later in itertools.pairwise(waits))
+    assert writing.WAITING_SHARE * 500 - 2 < max(waits) <= writing.LONGEST_WAIT + 0.125
+    assert len(parts(tmp_path)) == len(waits) < 120
+    writer.write()
     (folder,) = tmp_path.iterdir()
     assert read_rows(folder)["trial"].tolist() == list(range(4000))
 
 
-def test_it_never_waits_longer_than_it_may(kept, clock, tmp_path):
+def test_it_never_waits_longer_than_it_may(writer, clock, tmp_path):
     clock.now += 1e6
-    kept.write_in_time()
-    kept.keep(done(0))
-    clock.now += ledger.LONGEST - 1
-    kept.write_in_time()
+    writer.write_when_due()
+    writer.add(done(0))
+    clock.now += writing.LONGEST_WAIT - 1
+    writer.write_when_due()
     assert parts(tmp_path) == []
     clock.now += 1
-    kept.write_in_time()
+    writer.write_when_due()
     assert len(parts(tmp_path)) == 1
 
 
-def test_each_cell_has_its_file_and_each_place_its_source(kept, clock, tmp_path):
+def test_each_cell_has_its_file_and_each_place_its_source(writer, clock, tmp_path):
     for one in (done(0, 1), done(5, where=THERE), done(2), done(3, seed=1)):
-        kept.keep(one)
+        writer.add(one)
     clock.now += 7
-    kept.write()
+    writer.write()
     first, second = (tmp_path / Cell(config(seed=seed)).id for seed in (0, 1))
     (path,) = first.glob("part-*")
     sources = json.loads(pq.read_schema(path).metadata[b"mppi-belief"])["sources"]
@@ -109,9 +113,9 @@ def test_each_cell_has_its_file_and_each_place_its_source(kept, clock, tmp_path)
     assert sources[0]["config"] == config()
 
 
-def test_lost_trials_have_their_row_and_the_first_scene_stays(kept, tmp_path):
+def test_lost_trials_have_their_row_and_the_first_scene_stays(writer, tmp_path):
     cell = Cell(config())
-    kept.keep(Done(cell, (4,), Lost("timeout", "not done after 1 s"), {}))
+    writer.add(CompletedBatch(cell, (4,), Failure("timeout", "not done after 1 s"), {}))
     for trial, dt in ((0, 0.1), (1, 0.2)):
         steps = [
             {
@@ -120,8 +124,8 @@ def test_lost_trials_have_their_row_and_the_first_scene_stays(kept, tmp_path):
                 **dict.fromkeys(("state", "mean", "cov", "control"), np.zeros(2)),
             }
         ]
-        kept.keep(Done(cell, (trial,), Batch([row(trial)], steps, {"dt": dt}), HERE))
-    kept.write()
+        writer.add(CompletedBatch(cell, (trial,), Batch([row(trial)], steps, {"dt": dt}), HERE))
+    writer.write()
     rows = read_rows(tmp_path / cell.id)
     assert rows["status"].tolist() == ["ok", "ok", "timeout"]
     assert rows["error"].tolist()[2] == "not done after 1 s"
@@ -130,6 +134,6 @@ def test_lost_trials_have_their_row_and_the_first_scene_stays(kept, tmp_path):
     assert len([*(tmp_path / cell.id).glob("paths-*")]) == 1
 
 
-def test_nothing_to_write_leaves_nothing(kept, tmp_path):
-    kept.write()
+def test_nothing_to_write_leaves_nothing(writer, tmp_path):
+    writer.write()
     assert [*tmp_path.iterdir()] == []

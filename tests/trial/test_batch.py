@@ -15,11 +15,11 @@ from mppi_belief.config.cell import Cell
 from mppi_belief.errors import ConfigError
 from mppi_belief.results import table as results
 from mppi_belief.results.contents import read_rows
-from mppi_belief.run.local import Lanes
+from mppi_belief.run.local import LocalWorkers
 from mppi_belief.run.plan import chunks
 from mppi_belief.run.runner import run_study
-from mppi_belief.run.task import Order, Task
-from mppi_belief.run.worker import Setup
+from mppi_belief.run.task import StudyOrder, TrialFunctions
+from mppi_belief.run.worker import WorkerSetup
 from mppi_belief.run.writer import Ledger
 from mppi_belief.trial import check, device, failed_row, record, run_trials, trials
 from study_helpers import TESTS, limited, time_steps
@@ -153,11 +153,11 @@ class Study:
 
     def run(self, n_trials: int, workers: int) -> int | None:
         task, command = (
-            Task(check, run_trials, time_steps, failed_row, record, device),
+            TrialFunctions(check, run_trials, time_steps, failed_row, record, device),
             ["mppi-belief", "run"],
         )
-        lanes = Lanes(workers, Setup([TESTS], self.variables))
-        return run_study([self.cell], Order(n_trials), self.root, task, lanes, command).stopped
+        lanes = LocalWorkers(workers, WorkerSetup([TESTS], self.variables))
+        return run_study([self.cell], StudyOrder(n_trials), self.root, task, lanes, command).stopped
 
     def rows(self) -> Any:
         return read_rows(self.root / self.cell.id)

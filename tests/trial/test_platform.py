@@ -12,10 +12,10 @@ import pytest
 from cli_helpers import SMALL, call, compose, files_in, restored
 from mppi_belief.config import environment
 from mppi_belief.errors import ConfigError
-from mppi_belief.run import executors, runner
-from mppi_belief.run.local import Lanes
-from mppi_belief.run.task import Order, Task
-from mppi_belief.run.worker import Setup
+from mppi_belief.run import runner, start_workers
+from mppi_belief.run.local import LocalWorkers
+from mppi_belief.run.task import StudyOrder, TrialFunctions
+from mppi_belief.run.worker import WorkerSetup
 from mppi_belief.trial import check, device, record, run_trials, time_steps
 from mppi_belief.trial.device import computing
 
@@ -82,17 +82,22 @@ def test_the_switch_reaches_the_study(
     given: dict[str, Any] = {}
 
     def run_study(
-        cells: Any, order: Order, root: Any, task: Task, workers: Lanes, command: Any
+        cells: Any,
+        order: StudyOrder,
+        root: Any,
+        task: TrialFunctions,
+        workers: LocalWorkers,
+        command: Any,
     ) -> None:
         given.update(cells=cells, workers=workers.count, elsewhere=workers.elsewhere)
         raise ConfigError("far enough")
 
-    def lanes(count: int, setup: Setup) -> Lanes:
+    def lanes(count: int, setup: WorkerSetup) -> LocalWorkers:
         given.update(variables=setup.variables)
-        return Lanes(count, setup)
+        return LocalWorkers(count, setup)
 
     monkeypatch.setattr(runner, "run_study", run_study)
-    monkeypatch.setattr(executors, "Lanes", lanes)
+    monkeypatch.setattr(start_workers, "LocalWorkers", lanes)
     assert call(tmp_path, capsys, "run", *SMALL, *args).err == "mppi-belief: far enough\n"
     (cell,) = given["cells"]
     assert (given["workers"], cell.config["batch"]) == (workers, batch)

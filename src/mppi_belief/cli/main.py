@@ -126,12 +126,12 @@ def run(args: Sequence[str]) -> int:
     variables = environment.prepare(first["platform"])
     from ..config.cell import Cell
     from ..config.targets import allow
-    from ..run import executors
-    from ..run.local import WorkersGone
     from ..run.plan import WHOLE, Shard
     from ..run.runner import run_study
-    from ..run.task import Order, Task
-    from ..run.worker import Setup
+    from ..run.start_workers import make_workers
+    from ..run.task import StudyOrder, TrialFunctions
+    from ..run.worker import WorkerSetup
+    from ..run.workers import WorkersGone
     from ..trial import check, device, failed_row, record, run_trials, time_steps
 
     import_paths = [str(Path(folder).resolve()) for folder in parse(args)[2]]
@@ -139,17 +139,17 @@ def run(args: Sequence[str]) -> int:
     cells = {cell.id: cell for cell in map(Cell, configs)}
     root, n_trials = Path(first["results_dir"]), first["n_trials"]
     shard = WHOLE if first["shard"] is None else Shard.parse(first["shard"])
-    order = Order(n_trials, shard, retry_failed, first["trial_timeout"])
+    order = StudyOrder(n_trials, shard, retry_failed, first["trial_timeout"])
     count = (
         1
         if first["platform"] == "gpu" and first["executor"]["kind"] == "local"
         else first["workers"]
     )
-    setup = Setup(import_paths, variables)
-    workers = executors.workers(first["executor"], count, setup, environment.in_force())
-    task = Task(check, run_trials, time_steps, failed_row, record, device)
+    setup = WorkerSetup(import_paths, variables)
+    workers = make_workers(first["executor"], count, setup, environment.in_force())
+    functions = TrialFunctions(check, run_trials, time_steps, failed_row, record, device)
     try:
-        outcome = run_study(list(cells.values()), order, root, task, workers, command)
+        outcome = run_study(list(cells.values()), order, root, functions, workers, command)
     except WorkersGone as error:
         return _complain(f"{error}; the same command goes on", NOBODY_WORKS)
     return _tell(list(cells.values()), root, n_trials, outcome)
@@ -242,13 +242,13 @@ def _certify(config: dict[str, Any], names: Sequence[str], command: list[str]) -
     from ..results.certificate_files import StoredCertificate, load_certificates, store_certificate
     from ..results.files import probe
     from ..results.provenance import provenance
-    from ..run.worker import Setup, start_worker
+    from ..run.worker import WorkerSetup, start_worker
     from ..verify.runner import certify_all
 
     folder, lost = Path(config["verify_dir"]), []
     probe(folder)
     source = provenance(command) | {"seed": config["seed"]}
-    start = partial(start_worker, Setup([], {}))
+    start = partial(start_worker, WorkerSetup([], {}))
     with contextlib.closing(certify_all(names, config["seed"], config["workers"], start)) as done:
         for one in tqdm(done, total=len(names), unit="certificate", disable=None):
             if one.certificate is None:

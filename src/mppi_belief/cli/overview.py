@@ -8,10 +8,10 @@ from ..config.cell import Cell
 from ..report import figures
 from ..report.cell_results import CellResults, read_cell_results
 from ..report.summary import aligned_text, label_text, summary_text
-from ..run.task import Outcome
+from ..run.task import StudyOutcome
 
 
-def show_overview(cells: Sequence[Cell], root: Path, n_trials: int, outcome: Outcome) -> int:
+def show_overview(cells: Sequence[Cell], root: Path, n_trials: int, outcome: StudyOutcome) -> int:
     """Prints and draws the first `n_trials` trials of each cell; returns how many failed."""
     results = [read_cell_results(cell, root, n_trials) for cell in cells]
     results = [cell for cell in results if len(cell.rows)]

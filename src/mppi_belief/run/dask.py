@@ -1,8 +1,8 @@
-"""Workers on other machines, or on this one as if they were: Dask's, each a process with one thread.
+"""Workers of a Dask scheduler: on other machines, or on this one, each a process with one thread.
 
-A scheduler that runs (`executor.address`), jobs of Slurm that are asked for here, or a cluster on this machine. Dask
-brings functions to workers and results back; which trials are run, what is done about a death, and what is written is
-the pool's business and the same as with processes of our own.
+The scheduler runs already (`executor.address`), or is started here, with workers in jobs of Slurm or on this machine.
+Dask brings functions to workers and results back. Which trials are run, what is done about a death, and what is written
+is decided by the pool, as with processes of our own.
 """
 
 import contextlib
@@ -19,112 +19,129 @@ from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary
 
 from ..errors import ConfigError
-from .local import WorkerDied, WorkersGone
-from .log import note
-from .worker import Setup, enter
+from .log import log_on_terminal
+from .worker import WorkerSetup, apply_setup
+from .workers import WorkerDied, WorkersGone
 
-SAME = ("mppi-belief", "jax", "jaxlib", "numpy")  # what the bits of a result depend on
-GLANCE = 1.0  # s for which it is taken as known which workers are there
-CLOSING = 10.0  # s that a scheduler may take to end
-_entered: list[Setup] = []
-
-
-def _leave(names: Collection[Any]) -> None:
-    """Whoever comes and goes does it by itself."""
+SAME_VERSIONS = ("mppi-belief", "jax", "jaxlib", "numpy")  # the bits of a result depend on these
+POLL_INTERVAL = 1.0  # s between two questions which workers are connected
+CLOSE_TIMEOUT = 10.0  # s that a scheduler may take to end
+_applied_setups: list[WorkerSetup] = []  # in a worker
 
 
-class Site(NamedTuple):
-    """A scheduler: its client, what to do at the end, and now and then with the names of the workers that are there."""
-
-    client: Any
-    end: Callable[[], None]
-    tend: Callable[[Collection[Any]], None] = _leave
+def _replace_nothing(names: Collection[Any]) -> None:
+    """Does nothing: these workers come and go by themselves."""
 
 
-class Cluster:
-    """The workers of a Dask scheduler; `connect()` is called when they are first needed."""
+class SchedulerConnection(NamedTuple):
+    """A connection to a scheduler."""
 
-    elsewhere = True
-    grain = 10.0  # s; starting a chunk takes 20 to 30 ms, and one scheduler starts a hundred in a second
+    client: Any  # distributed.Client
+    end: Callable[[], None]  # what to do when the run ends
+    # called with the names of the connected workers when these have been asked for
+    replace_missing: Callable[[Collection[Any]], None] = _replace_nothing
 
-    def __init__(self, connect: Callable[[], Site], count: int, setup: Setup) -> None:
+
+class DaskWorkers:
+    """The workers of a Dask scheduler; see `Workers` for what its methods do.
+
+    `connect()` is called when the workers are first needed.
+    """
+
+    own_environment = True
+    grain = (
+        10.0  # s; starting a chunk takes 20 to 30 ms, and one scheduler starts a hundred per second
+    )
+
+    def __init__(
+        self, connect: Callable[[], SchedulerConnection], count: int, setup: WorkerSetup
+    ) -> None:
         self.count = count
         self._connect = connect
-        self._site: Site | None = None
-        self._setup = pickle.dumps(
-            (setup, {name: version(name) for name in SAME}, sys.version_info[:2])
-        )
-        self._tasks: dict[Future[Any], Any] = {}
-        self._homes: WeakKeyDictionary[Future[Any], str] = WeakKeyDictionary()
-        self._here, self._seen, self._waits = 0, 0.0, False
+        self._connection: SchedulerConnection | None = None
+        versions = {name: version(name) for name in SAME_VERSIONS}
+        self._setup = pickle.dumps((setup, versions, sys.version_info[:2]))
+        self._tasks: dict[Future[Any], Any] = {}  # Dask's own futures
+        self._addresses: WeakKeyDictionary[Future[Any], str] = WeakKeyDictionary()
+        self._connected = 0  # workers
+        self._poll_time: float | None = None  # s, by the monotonic clock; None: ask again
+        self._waiting_logged = False
 
     @property
-    def site(self) -> Site:
+    def connection(self) -> SchedulerConnection:
         """The connection, made when it is first asked for; raises `ConfigError`, `WorkersGone`."""
-        if self._site is None:
-            _hush()
-            self._site = self._connect()
-        return self._site
+        if self._connection is None:
+            _silence_libraries()
+            self._connection = self._connect()
+        return self._connection
 
     def room(self) -> int:
-        """How many chunks it would take: one for every worker that is there, so that none dies with another's."""
+        """Returns how many more functions connected workers would take: one each, so that none dies with another's."""
         now = time.monotonic()
-        if now - self._seen > GLANCE or not self._seen:
-            with _reached():
-                workers = self.site.client.scheduler_info(n_workers=-1)["workers"].values()
-            self._here, self._seen = len(workers), now
-            self.site.tend([worker["name"] for worker in workers])
-            if not workers and not self._waits:
-                self._waits = True
-                note(
-                    f"waiting for {self.count} workers"
-                    if self.count > 1
-                    else "waiting for a worker"
-                )
-        return self._here - len(self._tasks)
+        if self._poll_time is None or now - self._poll_time > POLL_INTERVAL:
+            self._poll_workers(now)
+        return self._connected - len(self._tasks)
+
+    def _poll_workers(self, now: float) -> None:
+        with _scheduler_reached():
+            info = self.connection.client.scheduler_info(n_workers=-1)
+        workers = info["workers"].values()
+        self._connected = len(workers)
+        self._poll_time = now
+        self.connection.replace_missing([worker["name"] for worker in workers])
+        if not workers and not self._waiting_logged:
+            self._waiting_logged = True
+            number = f"{self.count} workers" if self.count > 1 else "a worker"
+            log_on_terminal(f"waiting for {number}")
 
     def submit(self, function: Callable[..., Any], *args: Any) -> Future[Any]:
-        """Let a worker do something."""
+        """Lets a worker call a function."""
         future: Future[Any] = Future()
         work = pickle.dumps((function, args))
-        with _reached():
-            task = self.site.client.submit(run_there, self._setup, work, pure=False, retries=0)
+        client = self.connection.client
+        with _scheduler_reached():
+            task = client.submit(run_in_worker, self._setup, work, pure=False, retries=0)
         self._tasks[future] = task
         task.add_done_callback(lambda _: future.set_result(None))
         return future
 
     def collect(self, future: Future[Any]) -> Any:
-        """What came of it; raises `WorkerDied`, `WorkersGone`, `ConfigError`, or what the function did."""
+        """Returns or raises what the function did; raises `WorkerDied`, `WorkersGone`, `ConfigError`."""
         from distributed import KilledWorker
 
         task = self._tasks.pop(future)
         try:
-            with _reached():
-                self._homes[future], result, error = task.result()
+            with _scheduler_reached():
+                address, result, raised = task.result()
         except KilledWorker as error:
-            self._seen = 0.0
+            self._poll_time = None
             raise WorkerDied("the worker process died") from error
         except WorkersGone:
             raise
         except Exception as error:  # Dask's own, or of a worker that lacks what it needs
-            raise ConfigError(f"a worker cannot do this: {_line(error)}") from error
-        if error is not None:
-            raise error
+            raise ConfigError(f"a worker cannot do this: {_one_line(error)}") from error
+        self._addresses[future] = address
+        if raised is not None:
+            raise raised
         return result
 
     def discard(self, future: Future[Any]) -> None:
-        """End the worker that had `future`; where a nanny looks after it, that starts another."""
-        if future in self._homes:
-            self._seen = 0.0
-            with _reached():
-                self.site.client.run(
-                    _exit, workers=[self._homes[future]], wait=False, on_error="ignore"
+        """Ends the worker that got a function; its nanny, if it has one, starts another."""
+        if future in self._addresses:
+            self._poll_time = None
+            addresses = [self._addresses[future]]
+            with _scheduler_reached():
+                self.connection.client.run(
+                    exit_worker, workers=addresses, wait=False, on_error="ignore"
                 )
 
     def withdraw(self, futures: Iterable[Future[Any]]) -> list[Future[Any]]:
-        """Take back what no worker has begun; what was taken back."""
-        with _reached():
-            begun = {key for keys in self.site.client.processing().values() for key in keys}
+        """Takes back functions that no worker has begun."""
+        with _scheduler_reached():
+            processing = self.connection.client.processing()
+        begun: set[Any] = set()
+        for keys in processing.values():
+            begun.update(keys)
         waiting = [
             future
             for future in futures
@@ -135,21 +152,22 @@ class Cluster:
         return waiting
 
     def age(self, future: Future[Any]) -> float:
-        """Nobody here knows when a worker began; only the worker itself looks at the clock."""
+        """Returns 0, since only the worker knows when it began."""
         return 0.0
 
     def close(self, *, kill: bool = False) -> None:
-        """Let go of the scheduler; a cluster that was started here is ended. Nothing that goes wrong matters now."""
-        if self._site is not None:
-            site, self._site = self._site, None
+        """Leaves the scheduler, and ends one that was started here; ignores errors, since the results are written."""
+        connection = self._connection
+        self._connection = None
+        if connection is not None:
             with contextlib.suppress(Exception):
-                site.client.close(timeout=CLOSING)
+                connection.client.close(timeout=CLOSE_TIMEOUT)
             with contextlib.suppress(Exception):
-                site.end()
+                connection.end()
 
 
-def _hush() -> None:
-    """Let the pool alone say what happens; what says it otherwise has levels of its own once it is imported."""
+def _silence_libraries() -> None:
+    """Lets the pool alone write events; loggers of these libraries get levels of their own when they are imported."""
     import distributed  # noqa: F401
 
     for name in ("distributed", "tornado", "asyncio", *logging.root.manager.loggerDict):
@@ -157,81 +175,76 @@ def _hush() -> None:
             logging.getLogger(name).setLevel(logging.CRITICAL)
 
 
-async def _exit() -> None:
-    """In a worker whose thread hangs; Dask waits for the answer of anything that is not a coroutine."""
+async def exit_worker() -> None:
+    """Ends a worker whose thread hangs; a coroutine, since Dask waits for the answer of anything else."""
     os._exit(1)
 
 
 def close_cluster(cluster: Any) -> None:
-    """End a scheduler of this process, with the workers that it started."""
-    cluster.close(timeout=CLOSING)
+    """Ends a scheduler of this process, with the workers that it started."""
+    cluster.close(timeout=CLOSE_TIMEOUT)
 
 
 @contextlib.contextmanager
-def _reached() -> Iterator[None]:
-    """Raise `WorkersGone` where the scheduler cannot be reached."""
+def _scheduler_reached() -> Iterator[None]:
+    """Raises `WorkersGone` where the scheduler cannot be reached."""
     try:
         yield
     except (CancelledError, OSError) as error:
         raise WorkersGone(f"the cluster's scheduler is gone ({type(error).__name__})") from error
 
 
-def _line(error: Exception) -> str:
-    return f"{type(error).__name__}: {(str(error).splitlines() or [''])[0]}"
+def _one_line(error: Exception) -> str:
+    lines = str(error).splitlines() or [""]
+    return f"{type(error).__name__}: {lines[0]}"
 
 
-def run_there(setup: bytes, work: bytes) -> tuple[str, Any, Exception | None]:
-    """In a worker: set it up if it is new, then do the work; its address with what that returns or raises.
+def run_in_worker(setup: bytes, work: bytes) -> tuple[str, Any, Exception | None]:
+    """Runs in a worker: sets it up if it is new and calls a function; returns its address, and the result or the error.
 
-    The work comes packed, for unpacking it imports JAX, which must find its environment.
+    The function comes pickled, since unpickling it imports JAX, which must find its environment.
     """
     from distributed import get_worker
 
     worker = get_worker()
     try:
-        given, versions, python = pickle.loads(setup)
-        if given not in _entered:
-            _check(given, versions, python, worker)
-            enter(given)
-            _entered.append(given)
+        requested, versions, python = pickle.loads(setup)
+        if requested not in _applied_setups:
+            _check_worker(requested, versions, python, worker)
+            apply_setup(requested)
+            _applied_setups.append(requested)
         function, args = pickle.loads(work)
         return worker.address, function(*args), None
     except Exception as error:
-        return worker.address, None, _portable(error)
+        return worker.address, None, _picklable(error)
 
 
-def _portable(error: Exception) -> Exception:
-    """An exception that the other side can certainly unpack."""
+def _picklable(error: Exception) -> Exception:
+    """Returns an exception that the other side can certainly unpickle."""
     try:
         pickle.loads(pickle.dumps(error))
     except Exception:
-        return RuntimeError(_line(error))
+        return RuntimeError(_one_line(error))
     return error
 
 
-def _check(setup: Setup, versions: Mapping[str, str], python: tuple[int, int], worker: Any) -> None:
-    """Raise `ConfigError` where a worker would not give the same bits, or not one result at a time."""
-    mine = {name: version(name) for name in SAME}
-    for name, wanted in versions.items():
-        if mine[name] != wanted:
-            raise ConfigError(
-                f"the worker {worker.address} has {name} {mine[name]}, here it is {wanted}"
-            )
+def _check_worker(
+    setup: WorkerSetup, versions: Mapping[str, str], python: tuple[int, int], worker: Any
+) -> None:
+    """Raises `ConfigError` where a worker would not give the same bits, or more than one result at a time."""
+    name = f"the worker {worker.address}"
+    for package, wanted in versions.items():
+        installed = version(package)
+        if installed != wanted:
+            raise ConfigError(f"{name} has {package} {installed}, here it is {wanted}")
     if sys.version_info[:2] != python:
-        raise ConfigError(
-            f"the worker {worker.address} runs Python {sys.version_info[0]}.{sys.version_info[1]}"
-        )
+        raise ConfigError(f"{name} runs Python {sys.version_info[0]}.{sys.version_info[1]}")
     threads = worker.state.nthreads
     if threads != 1:
-        raise ConfigError(
-            f"the worker {worker.address} has {threads} threads: start it with --nthreads 1"
-        )
+        raise ConfigError(f"{name} has {threads} threads: start it with --nthreads 1")
     for folder in setup.import_paths:
         if not Path(folder).is_dir():
-            raise ConfigError(
-                f"--config-dir: the worker {worker.address} does not see {folder}; it must be shared"
-            )
-    if _entered and _entered[0].variables != setup.variables and "jax" in sys.modules:
-        raise ConfigError(
-            f"the worker {worker.address} was set up for another environment: start it again"
-        )
+            raise ConfigError(f"--config-dir: {name} does not see {folder}; it must be shared")
+    other_environment = _applied_setups and _applied_setups[0].variables != setup.variables
+    if other_environment and "jax" in sys.modules:
+        raise ConfigError(f"{name} was set up for another environment: start it again")

@@ -1,16 +1,16 @@
-"""What a person is told while a study runs: a line an event on stderr, the progress bar stays whole."""
+"""Tells a person what happens while a study runs: one line per event on stderr, above the progress bar."""
 
 import sys
 
 from tqdm import tqdm
 
 
-def say(line: str) -> None:
-    """An event worth knowing, for whoever reads the log, too."""
+def log_event(line: str) -> None:
+    """Writes a line for everybody, also for those who read a log."""
     tqdm.write(line, file=sys.stderr)
 
 
-def note(line: str) -> None:
-    """The same for whoever watches: nothing where stderr is no terminal."""
+def log_on_terminal(line: str) -> None:
+    """Writes a line for those who watch: nothing where stderr is no terminal."""
     if sys.stderr.isatty():
-        say(line)
+        log_event(line)

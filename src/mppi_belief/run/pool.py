@@ -1,64 +1,54 @@
-"""Who runs it: chunks are handed to workers, and whatever happens to those, every trial gets a result.
+"""Runs chunks of trials, or named tasks, in workers: whatever happens to those, every trial gets a result.
 
-A chunk whose worker died is halved, down to the one trial, which after a second strike is given up as crashed; most
-are innocent and do well the second time. A trial that hangs is given up at once; its worker is ended, and what it had
-not begun is run again.
+The pool promises:
+
+1. Every trial is yielded once, with what its worker made of it or with a `Failure`. An exception in a batch of trials
+   fails that batch and no other.
+2. When a worker dies, its chunk is run again, halved until the trial that kills its worker is found; a trial whose
+   worker dies twice is given up as "crashed" (`crashes.py`).
+3. A batch that takes longer than `seconds` is given up as "timeout". Its worker is ended, and what that had not begun
+   is run again. The worker looks at the clock; one that cannot is ended from outside (`watchdog.py`).
+4. A mistake of the user or of the machine (`ConfigError`) is no trial's fault and ends the run, and so does the loss of
+   all workers (`WorkersGone`); what has come back before is yielded.
+5. After `stop()` no chunk is started, and those that run are finished.
+
+Which chunk comes next is decided in `chunk_queue.py`. docs/reliability.md says which test holds each promise.
 """
 
-import math
 import threading
 import time
-from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, wait
-from typing import Any, NamedTuple, Protocol
+from types import TracebackType
+from typing import Any, NamedTuple
 
-from ..config.cell import Cell, batches
 from ..errors import ConfigError
-from .local import WorkerDied, WorkersGone
-from .plan import Chunk
+from .chunk_queue import ChunkQueue
+from .crashes import STRIKES, CrashJudge
+from .plan import Chunk, Job
 from .signals import StoppedAtOnce
-from .worker import Lost, Overtime, Report, run_chunk, within
+from .watchdog import Watchdog
+from .worker import ChunkReport, Failure, TimeLimitExceeded, call_within, not_done_after, run_chunk
+from .workers import WorkerDied, Workers, WorkersGone
 
-STRIKES = 2
-PATIENCE = 30.0  # s beyond the time that a chunk may take, before its worker is ended from outside
-TICK = 0.25  # s
-
-
-class Workers(Protocol):
-    """Whoever works, on this machine (`lanes`) or on others (`cluster`).
-
-    count      how many, about                    elsewhere   whether this process tells nothing of their device
-    grain      seconds a chunk should take        room()      how many chunks they would take
-    submit     let one of them do something       collect     what came of it
-    withdraw   take back what none has begun      discard     end the worker that a future was given to
-    age        seconds since it certainly began   close       end them all
-    """
-
-    count: int
-    elsewhere: bool
-    grain: float
-
-    def room(self) -> int: ...
-    def submit(self, function: Callable[..., Any], *args: Any) -> Future[Any]: ...
-    def collect(self, future: Future[Any]) -> Any: ...
-    def discard(self, future: Future[Any]) -> None: ...
-    def withdraw(self, futures: Iterable[Future[Any]]) -> list[Future[Any]]: ...
-    def age(self, future: Future[Any]) -> float: ...
-    def close(self, *, kill: bool = False) -> None: ...
+TICK = 0.25  # s between two looks at stop requests, clocks and results that wait to be written
 
 
-class Done(NamedTuple):
-    """Trials of a cell with what their worker made of them, or `Lost`, and where it was."""
+class CompletedBatch(NamedTuple):
+    """Trials of a job that have ended."""
 
-    cell: Cell
+    job: Job
     trials: tuple[int, ...]
-    outcome: Any
-    where: dict[str, str]
+    outcome: Any  # what the work returned for these trials, or `Failure`
+    machine: dict[str, str]  # host, platform and processor of the worker; {} if it died
 
 
 class Pool:
-    """Runs `work(config, trials)` on chunks; a batch of trials may take `seconds` (None: as long as it likes)."""
+    """Runs `work(config, trials)` on chunks; a batch of trials may take `seconds` (None: any time).
+
+    `log` is called with one line for each event. As a context manager the pool ends its workers: when they are idle, or
+    at once where the block raises.
+    """
 
     def __init__(
         self,
@@ -67,201 +57,157 @@ class Pool:
         log: Callable[[str], None],
         seconds: float | None = None,
     ) -> None:
-        self._work, self._workers, self._log, self._seconds = work, workers, log, seconds
-        self._waiting, self._again = deque[Chunk](), deque[Chunk]()
-        self._left: Counter[str] = Counter()  # trials that wait, by cell
-        self._pace: dict[str, float] = {}  # s a trial, by cell
+        self._work = work
+        self._workers = workers
+        self._log = log
+        self._seconds = seconds
+        self._queue = ChunkQueue(workers.grain, workers.count)
+        self._crashes = CrashJudge(seconds)
+        self._watchdog = Watchdog(workers, seconds)
         self._running: dict[Future[Any], Chunk] = {}
-        self._overdue: set[Future[Any]] = set()
-        self._strikes: Counter[tuple[str, int]] = Counter()
         self._stopping = threading.Event()
 
+    def __enter__(self) -> "Pool":
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        try:
+            self.close(kill=kind is not None)
+        except BaseException:  # a second signal, while the workers become idle
+            self.close(kill=True)
+            raise
+
     def stop(self) -> None:
-        """Start no more chunks; those running are finished."""
+        """Starts no more chunks; those that run are finished."""
         self._stopping.set()
 
     def close(self, *, kill: bool = False) -> None:
-        """End the workers: when they are idle, or at once."""
+        """Ends the workers: when they are idle, or at once."""
         self._workers.close(kill=kill)
 
     def run(
         self, chunks: Iterable[Chunk], tick: Callable[[], object] = lambda: None
-    ) -> Iterator[Done]:
-        """Yield every trial with its result, or with `Lost`, as they come, and call `tick` now and then.
+    ) -> Iterator[CompletedBatch]:
+        """Yields every batch of trials as it ends, and calls `tick` several times per second.
 
-        Raises `ConfigError` where the work does, `WorkersGone` if there is nobody to do it.
+        Raises `ConfigError` where the work does, and `WorkersGone` if no worker is left.
         """
         for chunk in chunks:
-            self._waiting.append(chunk)
-            self._left[chunk.cell.id] += len(chunk.trials)
-        while self._running or ((self._waiting or self._again) and not self._stopping.is_set()):
+            self._queue.add(chunk)
+        while self._running or (self._queue and not self._stopping.is_set()):
+            # Start what there is room for, and wait for something to end.
             if self._stopping.is_set():
                 for future in self._workers.withdraw([*self._running]):
                     del self._running[future]
-            self._fill()
-            settled, trouble = self._gather(
-                wait(self._running, timeout=TICK, return_when=FIRST_COMPLETED).done
-            )
-            if trouble is None:
-                self._fill()  # nobody waits while results are written
-            yield from settled
-            if trouble is not None:
-                raise trouble
-            self._look_at_the_clock()
+            self._start_chunks()
+            ended = wait(self._running, timeout=TICK, return_when=FIRST_COMPLETED).done
+
+            # Collect results; workers get their next chunk before the results are written.
+            completed, error = self._collect_all(ended)
+            if error is None:
+                self._start_chunks()
+            yield from completed
+            if error is not None:
+                raise error
+
+            for future, chunk in self._running.items():
+                self._watchdog.check(future, len(chunk.batches))
             tick()
 
     def call(self, function: Callable[..., Any], *args: Any) -> Any:
-        """Run one function in a worker while the others are idle, a second time where the worker died; raises
-        `WorkerDied`, `Overtime` if it takes as long as a batch of trials may, or `StoppedAtOnce` if it has not begun
-        when all is to stop."""
+        """Returns `function(*args)` from a worker; calls it a second time where the worker died.
+
+        Raises what the function raises, `WorkerDied`, `TimeLimitExceeded` if it takes as long as a batch of trials may,
+        or `StoppedAtOnce` if it has not begun when all is to stop.
+        """
         for _ in range(STRIKES - 1):
             try:
-                return self._call(function, *args)
+                return self._call_once(function, *args)
             except WorkerDied:
-                self._stop_waiting()
-        return self._call(function, *args)
+                self._raise_if_stopping()
+        return self._call_once(function, *args)
 
-    def _call(self, function: Callable[..., Any], *args: Any) -> Any:
+    def _call_once(self, function: Callable[..., Any], *args: Any) -> Any:
         while self._workers.room() <= 0:
-            self._stop_waiting()
+            self._raise_if_stopping()
             time.sleep(TICK)
-        future, overdue = self._workers.submit(within, self._seconds, function, *args), False
+        future = self._workers.submit(call_within, self._seconds, function, *args)
         while not wait([future], timeout=TICK).done:
             if self._stopping.is_set() and self._workers.withdraw([future]):
-                self._stop_waiting()
-            if (
-                not overdue
-                and self._seconds is not None
-                and self._workers.age(future) > self._seconds + PATIENCE
-            ):
-                self._workers.discard(future)  # it cannot look at the clock itself
-                overdue = True
+                self._raise_if_stopping()
+            self._watchdog.check(future)
+        ended_for_time = self._watchdog.release(future)
         try:
             return self._workers.collect(future)
         except WorkerDied as error:
-            if overdue:
-                raise Overtime(f"not done after {self._seconds:g} s") from error
+            if ended_for_time and self._seconds is not None:
+                raise TimeLimitExceeded(not_done_after(self._seconds)) from error
             raise
-        except Overtime:
+        except TimeLimitExceeded:
             self._workers.discard(future)
             raise
 
-    def _stop_waiting(self) -> None:
+    def _raise_if_stopping(self) -> None:
         if self._stopping.is_set():
             raise StoppedAtOnce
 
-    def _gather(self, ended: Iterable[Future[Any]]) -> tuple[list[Done], Exception | None]:
-        """What has ended, and what of it ends the run."""
-        settled: list[Done] = []
-        trouble: Exception | None = None
-        for future in ended:
-            try:
-                settled.extend(self._settle(future))
-            except (ConfigError, WorkersGone) as error:
-                trouble = error
-        return settled, trouble
-
-    def _fill(self) -> None:
-        while (
-            (self._waiting or self._again)
-            and not self._stopping.is_set()
-            and self._workers.room() > 0
-        ):
-            chunk = self._again.popleft() if self._again else self._next()
+    def _start_chunks(self) -> None:
+        while self._queue and not self._stopping.is_set() and self._workers.room() > 0:
+            chunk = self._queue.next()
             future = self._workers.submit(
-                run_chunk, self._work, chunk.cell.config, chunk.trials, self._seconds
+                run_chunk, self._work, chunk.job.config, chunk.batches, self._seconds
             )
             self._running[future] = chunk
 
-    def _next(self) -> Chunk:
-        """The next chunk, with those after it if they are short; at the end everybody shall have one."""
-        chunk = self._waiting.popleft()
-        trials, cell = [*chunk.trials], chunk.cell
-        pace = self._pace.get(cell.id, math.inf)
-        most = min(
-            self._workers.grain / max(pace, 1e-9), self._left[cell.id] / (2 * self._workers.count)
-        )
-        while (
-            self._waiting
-            and (after := self._waiting[0]).cell is cell
-            and len(trials) + len(after.trials) <= most
-        ):
-            trials += self._waiting.popleft().trials
-        self._left[cell.id] -= len(trials)
-        return chunk._replace(trials=tuple(trials))
+    def _collect_all(
+        self, ended: Iterable[Future[Any]]
+    ) -> tuple[list[CompletedBatch], Exception | None]:
+        """Returns the batches of chunks that have ended, and the error that ends the run, if there is one."""
+        completed: list[CompletedBatch] = []
+        run_error: Exception | None = None
+        for future in ended:
+            try:
+                completed.extend(self._collect(future))
+            except (ConfigError, WorkersGone) as error:
+                run_error = error
+        return completed, run_error
 
-    def _settle(self, future: Future[Any]) -> Iterator[Done]:
-        """The trials of a chunk that has ended; those that have no result yet wait again."""
-        chunk, overdue = self._running.pop(future), future in self._overdue
-        self._overdue.discard(future)
+    def _collect(self, future: Future[Any]) -> Iterator[CompletedBatch]:
+        """Yields the batches of a chunk that has ended; trials without a result yet are queued again."""
+        chunk = self._running.pop(future)
+        ended_for_time = self._watchdog.release(future)
         try:
-            report: Report = self._workers.collect(future)
+            report: ChunkReport = self._workers.collect(future)
         except WorkerDied:
-            yield from self._bury(chunk, overdue)
+            yield from self._after_crash(chunk, ended_for_time)
             return
         except (ConfigError, WorkersGone):
             raise
         except Exception as error:
-            yield Done(*chunk, Lost("error", f"{type(error).__name__}: {error}"), {})
+            yield CompletedBatch(*chunk, Failure("error", f"{type(error).__name__}: {error}"), {})
             return
-        pace = report.seconds / max(sum(len(trials) for trials, _ in report.done), 1)
-        self._pace[chunk.cell.id] = min(
-            pace, self._pace.get(chunk.cell.id, math.inf)
-        )  # the first compiles
-        for trials, outcome in report.done:
-            yield Done(chunk.cell, trials, outcome, report.where)
-            if isinstance(outcome, Lost) and outcome.status == "timeout":
-                self._log(f"{_name(chunk.cell, trials)}: {outcome.error}; given up")
+
+        n_trials = sum(len(trials) for trials, _ in report.outcomes)
+        self._queue.set_pace(chunk.job.id, report.seconds / max(n_trials, 1))
+        for trials, outcome in report.outcomes:
+            yield CompletedBatch(chunk.job, trials, outcome, report.machine)
+            if isinstance(outcome, Failure) and outcome.status == "timeout":
+                self._log(f"{chunk.part(trials).label}: {outcome.error}; given up")
                 self._workers.discard(future)
         if report.unfinished:
-            self._again.append(chunk._replace(trials=report.unfinished))
-        if (
-            report.mistake is not None
-        ):  # no trial's own fault: nothing of this chunk may count as done
+            self._queue.repeat(chunk.part(report.unfinished))
+        if report.mistake is not None:
             raise ConfigError(report.mistake)
 
-    def _bury(self, chunk: Chunk, overdue: bool) -> Iterator[Done]:
-        """What to do about a chunk whose worker died."""
-        name = _name(chunk.cell, chunk.trials)
-        if len(chunk.trials) > 1:
-            self._log(
-                f"{name}: {'ended a worker that hangs' if overdue else 'a worker died'}; running them again"
-            )
-            middle = len(chunk.trials) // 2
-            parts = chunk.trials[middle:], chunk.trials[:middle]
-            self._again.extendleft(chunk._replace(trials=part) for part in parts)
-            return
-        accused = (chunk.cell.id, chunk.trials[0])
-        self._strikes[accused] += 1
-        if overdue:
-            self._log(f"{name}: it hangs; given up")
-            yield Done(*chunk, Lost("timeout", f"not done after {self._seconds:g} s"), {})
-        elif self._strikes[accused] < STRIKES:
-            self._log(f"{name}: its worker died; running it again")
-            self._again.appendleft(chunk)
-        else:
-            self._log(f"{name}: it killed its worker {STRIKES} times; given up")
-            yield Done(
-                *chunk,
-                Lost("crashed", f"the worker process died {STRIKES} times in this trial"),
-                {},
-            )
-
-    def _look_at_the_clock(self) -> None:
-        """End workers that are so late that they cannot even look at the clock themselves."""
-        if self._seconds is None:
-            return
-        for future, chunk in self._running.items():
-            count = len([*batches(chunk.trials, chunk.cell.config["batch"])])
-            if (
-                future not in self._overdue
-                and self._workers.age(future) > self._seconds * count + PATIENCE
-            ):
-                self._overdue.add(future)
-                self._workers.discard(future)
-
-
-def _name(cell: Cell, trials: tuple[int, ...]) -> str:
-    return f"{cell.id} trial{'' if len(trials) == 1 else 's'} {trials[0]}" + (
-        f"..{trials[-1]}" if len(trials) > 1 else ""
-    )
+    def _after_crash(self, chunk: Chunk, ended_for_time: bool) -> Iterator[CompletedBatch]:
+        """Queues a chunk whose worker died again, or yields its only trial with its failure."""
+        verdict = self._crashes.judge(chunk, ended_for_time)
+        self._log(verdict.message)
+        self._queue.repeat_next(*verdict.retry)
+        if verdict.failure is not None:
+            yield CompletedBatch(*chunk, verdict.failure, {})

@@ -1,8 +1,8 @@
 """Jobs of Slurm that hold Dask workers: as many as were asked for, whatever ends them.
 
-sbatch     one job after another, all of one script and one name
-squeue     which of them are still there; asked only while workers are missing, at ever longer intervals
-scancel    ends them all
+sbatch     submits one job after another, all of one script and one name
+squeue     lists those that are still there; asked only while workers are missing, at ever longer intervals
+scancel    cancels them all
 """
 
 import os
@@ -12,91 +12,110 @@ from collections.abc import Collection
 from typing import Any
 
 from ..errors import ConfigError
-from .local import STARTS, WorkersGone
+from .local import FAILED_STARTS
+from .workers import WorkersGone
 
-SOONEST, LATEST = 1.0, 30.0  # s between two looks at the queue
-PATIENCE = 60.0  # s that a command of Slurm may take
+SHORTEST_INTERVAL = 1.0  # s between two looks at the queue, at first
+LONGEST_INTERVAL = 30.0  # s between two looks at the queue, later
+COMMAND_TIMEOUT = 60.0  # s that a command of Slurm may take
 UNREACHABLE = (
     "contact",
     "timed out",
     "timeout",
-)  # what Slurm says where only its controller is away
+)  # in Slurm's messages if only its controller is away
+COMPLETING = "CG"  # the state of a job that has ended
 
 
-class Jobs:
-    """`wanted` jobs of a script, each with `per_job` workers that carry its number in their names."""
+class SlurmJobs:
+    """Keeps `wanted` jobs of a script in the queue, each with `per_job` workers named `<job>` or `<job>-<number>`."""
 
     def __init__(self, script: str, name: str, wanted: int, per_job: int = 1) -> None:
-        self._script, self._name, self._wanted, self._per_job = script, name, wanted, per_job
-        self._there: set[str] = set()
-        self._came: set[str] = set()
-        self._fruitless = 0  # jobs in a row that ended before a worker came
-        self._workers, self._pause, self._next = 0, SOONEST, 0.0
+        self._script = script
+        self._name = name
+        self._wanted = wanted
+        self._per_job = per_job
+        self._queued: set[str] = (
+            set()
+        )  # ids of the jobs that were in the queue when it was asked last
+        self._connected: set[str] = set()  # ids of the jobs of which a worker has ever connected
+        self._fruitless = 0  # jobs in a row that ended before a worker connected
+        self._worker_count = 0
+        self._interval = SHORTEST_INTERVAL
+        self._next_look = 0.0  # s, by the monotonic clock
 
-    def tend(self, names: Collection[Any]) -> None:
-        """Replace jobs that have ended, seen by the names of the workers that are there.
+    def replace_missing(self, names: Collection[Any]) -> None:
+        """Submits jobs in the place of those that have ended; `names` are those of the connected workers.
 
-        Raises `ConfigError` where Slurm takes none of them, `WorkersGone` where they end before they work.
+        Raises `ConfigError` where Slurm takes none of them, `WorkersGone` where they end before a worker connects.
         """
-        came = {str(name).partition("-")[0] for name in names}
-        if came - self._came:
+        connected = {str(name).partition("-")[0] for name in names}
+        if connected - self._connected:
             self._fruitless = 0
-        self._came |= came
-        now = time.monotonic()
-        if self._there and len(names) != self._workers:
-            self._pause, self._next = SOONEST, now + SOONEST
-        self._workers = len(names)
-        if len(names) < self._wanted * self._per_job and now >= self._next:
-            self._bury()
-            self._submit()
-            self._pause = min(2 * self._pause, LATEST)
-            self._next = time.monotonic() + self._pause
+        self._connected |= connected
 
-    def end(self) -> None:
-        """Cancel them all; what goes wrong with that is Slurm's."""
-        if self._there:
+        # Look soon after workers came or went, and then at ever longer intervals.
+        now = time.monotonic()
+        if self._queued and len(names) != self._worker_count:
+            self._interval = SHORTEST_INTERVAL
+            self._next_look = now + SHORTEST_INTERVAL
+        self._worker_count = len(names)
+        if len(names) < self._wanted * self._per_job and now >= self._next_look:
+            self._forget_ended()
+            self._submit_missing()
+            self._interval = min(2 * self._interval, LONGEST_INTERVAL)
+            self._next_look = time.monotonic() + self._interval
+
+    def cancel_all(self) -> None:
+        """Cancels all jobs; ignores errors of Slurm."""
+        if self._queued:
             _call("scancel", f"--name={self._name}")
 
-    def _bury(self) -> None:
-        """Forget the jobs that have left the queue."""
-        if not self._there:
+    def _forget_ended(self) -> None:
+        """Forgets the jobs that have left the queue; raises `WorkersGone` if too many of them were fruitless."""
+        if not self._queued:
             return
-        asked = _call("squeue", "--noheader", "--format=%A %t", f"--name={self._name}")
-        if asked.returncode:
+        answer = _call("squeue", "--noheader", "--format=%A %t", f"--name={self._name}")
+        if answer.returncode:
             return  # a controller that does not answer says nothing about jobs
-        lines = [line.split() for line in asked.stdout.splitlines()]
-        gone = self._there - {line[0] for line in lines if line[1] != "CG"}
-        self._there -= gone
-        self._fruitless += len(gone - self._came)
-        if self._fruitless >= STARTS and not self._workers:
+        lines = [line.split() for line in answer.stdout.splitlines()]
+        ended = self._queued - {job for job, state in lines if state != COMPLETING}
+        self._queued -= ended
+        self._fruitless += len(ended - self._connected)
+        if self._fruitless >= FAILED_STARTS and not self._worker_count:
             raise WorkersGone(
-                f"{self._fruitless} jobs ended before a worker came (executor.logs=FOLDER keeps why)"
+                f"{self._fruitless} jobs ended before a worker connected (executor.logs=FOLDER keeps why)"
             )
 
-    def _submit(self) -> None:
-        while len(self._there) < self._wanted:
-            asked = _call("sbatch", "--parsable", script=self._script)
-            if asked.returncode == 0:
-                self._there.add(asked.stdout.strip().partition(";")[0])
-            elif self._there:
+    def _submit_missing(self) -> None:
+        while len(self._queued) < self._wanted:
+            answer = _call("sbatch", "--parsable", script=self._script)
+            if answer.returncode == 0:
+                self._queued.add(answer.stdout.strip().partition(";")[0])
+            elif self._queued:
                 return  # a limit on jobs: those that are there do the work
             else:
-                self._refused(asked.stderr)
+                raise self._refusal(answer.stderr)
 
-    def _refused(self, said: str) -> None:
-        errors = [line.partition("error: ")[2] for line in said.splitlines() if "error: " in line]
-        line = errors[-1] if errors else said.strip().partition("\n")[0] or "it does not say why"
+    def _refusal(self, message: str) -> Exception:
+        """Returns the error for a job that sbatch refused with a message."""
+        lines = message.splitlines()
+        errors = [line.partition("error: ")[2] for line in lines if "error: " in line]
+        first_line = message.strip().partition("\n")[0]
+        line = errors[-1] if errors else first_line or "it does not say why"
         if any(word in line.lower() for word in UNREACHABLE):
-            raise WorkersGone(f"Slurm does not answer: {line}")
-        if self._came:
-            raise WorkersGone(f"sbatch takes no more jobs: {line}")
-        raise ConfigError(f"executor=slurm: sbatch refuses the job: {line}")
+            return WorkersGone(f"Slurm does not answer: {line}")
+        if self._connected:
+            return WorkersGone(f"sbatch takes no more jobs: {line}")
+        return ConfigError(f"executor=slurm: sbatch refuses the job: {line}")
 
 
 def _call(*command: str, script: str | None = None) -> "subprocess.CompletedProcess[str]":
-    """A command of Slurm, in a session of its own: a Ctrl-C is this process's alone. Raises `ConfigError` where Slurm
-    is not installed."""
-    outside = {
+    """Calls a command of Slurm in a session of its own, since a Ctrl-C is this process's alone.
+
+    Raises `ConfigError` where Slurm is not installed.
+    """
+    # Variables of a job that this process may run in would become options of the new one.
+    environment = {
         key: value
         for key, value in os.environ.items()
         if not key.startswith("SLURM_") or key == "SLURM_CONF"
@@ -105,10 +124,10 @@ def _call(*command: str, script: str | None = None) -> "subprocess.CompletedProc
         return subprocess.run(
             command,
             input=script,
-            env=outside,
+            env=environment,
             capture_output=True,
             text=True,
-            timeout=PATIENCE,
+            timeout=COMMAND_TIMEOUT,
             start_new_session=True,
         )
     except FileNotFoundError as error:

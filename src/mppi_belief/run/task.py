@@ -6,41 +6,34 @@ from typing import Any, NamedTuple
 from .plan import WHOLE, Shard
 
 
-class Task(NamedTuple):
-    """What a study runs, as functions a worker can import.
+class TrialFunctions(NamedTuple):
+    """What is done for a cell, as functions of its configuration that a worker can import.
 
-    check(config) raises where a configuration cannot be run; run_trials(config, trials) returns an
-    object with `rows`, `paths` and `scene`; time_steps(config) returns seconds of single control steps;
-    failed_row(config, trial, status, error) is the row of a trial without result; record(config) returns
-    one trial in detail as JSON, where a cell asks for it; device(config) names what computes it, and raises where
-    that is not there.
+    `run` knows nothing else of a trial.
     """
 
-    check: Callable[..., None]
-    run_trials: Callable[..., Any]
-    time_steps: Callable[..., list[float]]
-    failed_row: Callable[..., dict[str, Any]]
-    record: Callable[..., dict[str, Any]]
-    device: Callable[..., str]
+    check: Callable[..., None]  # (config); raises where the configuration cannot be run
+    run_trials: Callable[..., Any]  # (config, trials); an object with `rows`, `paths` and `scene`
+    time_steps: Callable[..., list[float]]  # (config); s, wall times of single control steps
+    failed_row: Callable[
+        ..., dict[str, Any]
+    ]  # (config, trial, status, error); a row without result
+    record: Callable[..., dict[str, Any]]  # (config); one trial in detail as JSON
+    device: Callable[..., str]  # (config); the name of what computes, raises where that is missing
 
 
-class Order(NamedTuple):
-    """How much of a study is run.
+class StudyOrder(NamedTuple):
+    """How much of a study is run."""
 
-    n_trials      of each cell              shard    which part of them
-    retry_failed  run those without a result again
-    seconds       that one trial, or one batch of them, may take; None: any time
-    """
-
-    n_trials: int
-    shard: Shard = WHOLE
-    retry_failed: bool = False
-    seconds: float | None = None
+    n_trials: int  # of each cell
+    shard: Shard = WHOLE  # which part of them
+    retry_failed: bool = False  # whether trials without a result run again
+    seconds: float | None = None  # s that one batch of trials may take; None: any time
 
 
-class Outcome(NamedTuple):
-    """How a study ended: trials run now and found done, by cell id, and the signal that stopped it, if any."""
+class StudyOutcome(NamedTuple):
+    """How a study ended."""
 
-    ran: dict[str, int]
-    found: dict[str, int]
-    stopped: int | None
+    ran: dict[str, int]  # trials that were run now, by cell id
+    found: dict[str, int]  # trials that were done before, by cell id
+    stopped: int | None  # the signal that stopped it, if one did

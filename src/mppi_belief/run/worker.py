@@ -1,6 +1,6 @@
-"""What happens in a worker process: it is set up once, and does what it is sent within a time.
+"""What happens in a worker process: it is set up once, and then runs what it is sent within a time limit.
 
-Only plain data goes back: an exception that cannot be pickled, or not unpickled, would pass for the worker's death.
+Only plain data goes back: an exception that cannot be pickled or unpickled would look like the death of the worker.
 """
 
 import multiprocessing
@@ -11,56 +11,55 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
-from ..config.cell import batches
 from ..config.targets import allow
 from ..errors import ConfigError
 from ..results.provenance import machine
 from .signals import STOPPING
 
 
-class Setup(NamedTuple):
-    """What a worker is given before any work is imported: folders that are added to its module search path,
-    environment variables."""
+class WorkerSetup(NamedTuple):
+    """What a worker is given before any work is imported."""
 
-    import_paths: Sequence[str]
-    variables: dict[str, str]
-
-
-class Lost(NamedTuple):
-    """Why trials have no result: `status` is "error", "crashed" or "timeout"."""
-
-    status: str
-    error: str
+    import_paths: Sequence[str]  # folders that are added to its module search path
+    variables: dict[str, str]  # environment variables
 
 
-class Report(NamedTuple):
-    """What became of the trials of a chunk.
+class Failure(NamedTuple):
+    """Why trials have no result."""
 
-    done        batches of trials, each with what it gave or `Lost`
-    where       host and processor
-    seconds     that it took
-    unfinished  trials that were not begun, since one before them hangs; its thread still runs in the worker
-    mistake     what is wrong with the person's input or with the machine, which is no trial's own fault
-    """
-
-    done: list[tuple[tuple[int, ...], Any]]
-    where: dict[str, str]
-    seconds: float
-    unfinished: tuple[int, ...] = ()
-    mistake: str | None = None
+    status: str  # "error", "crashed" or "timeout"
+    error: str  # one line
 
 
-def enter(setup: Setup) -> None:
-    """Take over what a worker is given."""
+class ChunkReport(NamedTuple):
+    """What became of the trials of a chunk."""
+
+    outcomes: list[
+        tuple[tuple[int, ...], Any]
+    ]  # batches of trials, each with its result or `Failure`
+    machine: dict[str, str]  # host, platform and processor
+    seconds: float  # s, wall time of the chunk
+    unfinished: tuple[
+        int, ...
+    ] = ()  # trials not begun, since one before them hangs in this process
+    mistake: str | None = None  # of the user or of the machine, which is no trial's own fault
+
+
+class TimeLimitExceeded(Exception):
+    """A function took too long; its thread still runs."""
+
+
+def apply_setup(setup: WorkerSetup) -> None:
+    """Takes over what a worker is given."""
     os.environ.update(setup.variables)
     allow(setup.import_paths)
 
 
-def start_worker(setup: Setup) -> None:
-    """Begin a worker on this machine: it leaves signals to its parent, and dies with it."""
+def start_worker(setup: WorkerSetup) -> None:
+    """Begins a worker on this machine: it leaves signals to its parent, and dies with it."""
     for number in STOPPING:
         signal.signal(number, signal.SIG_IGN)
-    enter(setup)
+    apply_setup(setup)
     parent = multiprocessing.parent_process()
     if parent is None:
         raise RuntimeError("a worker has a parent process")
@@ -72,57 +71,67 @@ def start_worker(setup: Setup) -> None:
     threading.Thread(target=die_with, args=(parent,), daemon=True).start()
 
 
-def ready() -> None:
-    """A worker that answers has started."""
+def confirm_start() -> None:
+    """Does nothing: a worker that answers has started."""
 
 
 def run_chunk(
-    work: Callable[..., Any], config: dict[str, Any], trials: Sequence[int], seconds: float | None
-) -> Report:
-    """Do `work(config, batch)` for every batch of trials, each within so many seconds (None: however long it takes)."""
-    together, began = [*batches(trials, config["batch"])], time.monotonic()
-    done: list[tuple[tuple[int, ...], Any]] = []
-    for at, batch in enumerate(together):
+    work: Callable[..., Any],
+    config: dict[str, Any],
+    batches: Sequence[tuple[int, ...]],
+    seconds: float | None,
+) -> ChunkReport:
+    """Calls `work(config, trials)` for every batch of trials, each within a time limit (s; None: any time)."""
+    start_time = time.monotonic()
+    outcomes: list[tuple[tuple[int, ...], Any]] = []
+    unfinished: tuple[int, ...] = ()
+    mistake: str | None = None
+    for index, trials in enumerate(batches):
         try:
-            outcome = within(seconds, work, config, batch)
+            outcome = call_within(seconds, work, config, trials)
         except ConfigError as error:
-            return Report(done, machine(), time.monotonic() - began, mistake=str(error))
-        except Overtime as late:
-            done.append((batch, Lost("timeout", str(late))))
-            left = tuple(trial for later in together[at + 1 :] for trial in later)
-            return Report(done, machine(), time.monotonic() - began, left)
+            mistake = str(error)
+            break
+        except TimeLimitExceeded as error:
+            outcomes.append((trials, Failure("timeout", str(error))))
+            unfinished = sum(batches[index + 1 :], ())
+            break
         except Exception as error:
-            outcome = Lost("error", f"{type(error).__name__}: {error}")
-        done.append((batch, outcome))
-    return Report(done, machine(), time.monotonic() - began)
+            outcome = Failure("error", f"{type(error).__name__}: {error}")
+        outcomes.append((trials, outcome))
+    return ChunkReport(outcomes, machine(), time.monotonic() - start_time, unfinished, mistake)
 
 
-class Overtime(Exception):
-    """A function took too long; its thread still runs."""
+def call_within(seconds: float | None, function: Callable[..., Any], *args: Any) -> Any:
+    """Returns or raises what `function` does; raises `TimeLimitExceeded` after so many seconds (s; None: never).
 
-
-def within(seconds: float | None, function: Callable[..., Any], *args: Any) -> Any:
-    """What `function` returns or raises; raises `Overtime` if that takes longer than so many seconds.
-
-    It runs in a thread of its own, for nothing else in a process could look at the clock meanwhile.
+    The function runs in a thread of its own, since nothing else in the process could look at the clock meanwhile.
     """
     if seconds is None:
         return function(*args)
-    ended: list[tuple[Any, BaseException | None]] = []
+    results: list[tuple[Any, BaseException | None]] = []
 
     def run() -> None:
         try:
-            ended.append((function(*args), None))
+            results.append((function(*args), None))
         except BaseException as error:
-            ended.append((None, error))
+            results.append((None, error))
 
-    thread, until = threading.Thread(target=run, daemon=True), time.monotonic() + seconds
+    thread = threading.Thread(target=run, daemon=True)
+    deadline = time.monotonic() + seconds
     thread.start()
-    while thread.is_alive() and (left := until - time.monotonic()) > 0:
-        thread.join(min(left, threading.TIMEOUT_MAX))
-    if not ended:
-        raise Overtime(f"not done after {seconds:g} s")
-    result, error = ended[0]
+    remaining = seconds
+    while thread.is_alive() and remaining > 0:
+        thread.join(min(remaining, threading.TIMEOUT_MAX))
+        remaining = deadline - time.monotonic()
+    if not results:
+        raise TimeLimitExceeded(not_done_after(seconds))
+    result, error = results[0]
     if error is not None:
         raise error
     return result
+
+
+def not_done_after(seconds: float) -> str:
+    """Returns the text of the error of a trial that took too long."""
+    return f"not done after {seconds:g} s"

@@ -1,7 +1,7 @@
-"""What is written when: results wait a moment for others, so that a long run leaves few and large files.
+"""Buffers results and writes them to parquet in batches, so that a long run leaves few and large files.
 
-The moment is a twentieth of the time that the run has taken, a quarter of a second at first and half a minute at most:
-so much work a power cut may cost.
+Results wait for a twentieth of the time that the run has taken, a quarter of a second at first and half a minute at
+most: a power cut may cost so much work.
 """
 
 import time
@@ -9,70 +9,84 @@ from collections import defaultdict
 from pathlib import Path
 from typing import Any
 
-from ..results import files
-from ..results import table as results
+from ..results import files, table
 from ..results.trial_ranges import ranges
-from .pool import Done
-from .task import Task
-from .worker import Lost
+from .pool import CompletedBatch
+from .task import TrialFunctions
+from .worker import Failure
 
-SHARE, SHORTEST, LONGEST = 0.05, 0.25, 30.0
+WAITING_SHARE = 0.05  # of the time since the run began
+SHORTEST_WAIT = 0.25  # s
+LONGEST_WAIT = 30.0  # s
 
 
-class Ledger:
-    """Collects results and writes them in time; `started` is what its files say of this run."""
+class ResultsWriter:
+    """Collects completed batches and writes the files of their cells."""
 
-    def __init__(self, root: Path, task: Task, started: dict[str, Any]) -> None:
-        self._root, self._task, self.started = root, task, started
-        self._kept: dict[str, list[Done]] = defaultdict(list)
-        self._began = self._written = time.monotonic()
+    def __init__(self, root: Path, functions: TrialFunctions, provenance: dict[str, Any]) -> None:
+        self.provenance = (
+            provenance  # what the files say of this run; may be added to before a write
+        )
+        self._root = root
+        self._functions = functions
+        self._waiting: dict[str, list[CompletedBatch]] = defaultdict(list)  # by cell id
+        self._start_time = time.monotonic()
+        self._write_time = self._start_time
 
-    def keep(self, done: Done) -> None:
-        """Take over some results."""
-        self._kept[done.cell.id].append(done)
+    def add(self, batch: CompletedBatch) -> None:
+        """Takes over some results."""
+        self._waiting[batch.job.id].append(batch)
 
-    def write_in_time(self) -> None:
-        """Write all that has waited long enough; raises OSError."""
+    def write_when_due(self) -> None:
+        """Writes all results if they have waited long enough; raises OSError."""
         now = time.monotonic()
-        if now - self._written >= min(max(SHARE * (now - self._began), SHORTEST), LONGEST):
+        wait = WAITING_SHARE * (now - self._start_time)
+        if now - self._write_time >= min(max(wait, SHORTEST_WAIT), LONGEST_WAIT):
             self.write()
 
     def write(self) -> None:
-        """Write all; raises OSError."""
-        while self._kept:
-            cell, kept = next(iter(self._kept.items()))
-            self._write(self._root / cell, kept)
-            del self._kept[cell]
-        self._written = time.monotonic()
+        """Writes all results; raises OSError, and keeps what could not be written."""
+        while self._waiting:
+            cell_id, batches = next(iter(self._waiting.items()))
+            self._write_cell(self._root / cell_id, batches)
+            del self._waiting[cell_id]
+        self._write_time = time.monotonic()
 
-    def _write(self, folder: Path, kept: list[Done]) -> None:
-        """The results of one cell; the part file last, since it is what says that trials are done."""
-        paths = [
-            row for done in kept if not isinstance(done.outcome, Lost) for row in done.outcome.paths
-        ]
-        if paths:
-            results.write_paths(folder, paths)
-        for done in kept:
-            scene = None if isinstance(done.outcome, Lost) else done.outcome.scene
-            if scene is not None and files.read_json(folder, "scene") is None:
-                files.write_json(folder, "scene", scene)
+    def _write_cell(self, folder: Path, batches: list[CompletedBatch]) -> None:
+        """Writes the results of one cell; the part file last, since it says that trials are done."""
+        self._write_paths_and_scene(folder, batches)
+
+        # One source for each machine, with the trials that it computed.
         trials: dict[tuple[tuple[str, str], ...], list[int]] = defaultdict(list)
-        for done in kept:
-            trials[tuple(done.where.items())] += done.trials
-        told = {
-            "config": kept[0].cell.config,
-            **self.started,
-            "elapsed": round(time.monotonic() - self._began, 1),
-        }
+        for batch in batches:
+            trials[tuple(batch.machine.items())] += batch.trials
+        elapsed = round(time.monotonic() - self._start_time, 1)
+        run = {"config": batches[0].job.config, **self.provenance, "elapsed": elapsed}
         sources = [
-            {"trials": ranges(some), **told, **dict(place)} for place, some in trials.items()
+            {"trials": ranges(computed), **run, **dict(machine)}
+            for machine, computed in trials.items()
         ]
-        results.write_rows(folder, [row for done in kept for row in self._rows(done)], *sources)
 
-    def _rows(self, done: Done) -> list[dict[str, Any]]:
-        if not isinstance(done.outcome, Lost):
-            return list(done.outcome.rows)
-        status, error = done.outcome
+        rows: list[dict[str, Any]] = []
+        for batch in batches:
+            rows += self._rows(batch)
+        table.write_rows(folder, rows, *sources)
+
+    def _write_paths_and_scene(self, folder: Path, batches: list[CompletedBatch]) -> None:
+        results = [batch.outcome for batch in batches if not isinstance(batch.outcome, Failure)]
+        steps: list[dict[str, Any]] = []
+        for result in results:
+            steps += result.paths
+        if steps:
+            table.write_paths(folder, steps)
+        scenes = [result.scene for result in results if result.scene is not None]
+        if scenes and files.read_json(folder, "scene") is None:
+            files.write_json(folder, "scene", scenes[0])
+
+    def _rows(self, batch: CompletedBatch) -> list[dict[str, Any]]:
+        if not isinstance(batch.outcome, Failure):
+            return list(batch.outcome.rows)
         return [
-            self._task.failed_row(done.cell.config, trial, status, error) for trial in done.trials
+            self._functions.failed_row(batch.job.config, trial, *batch.outcome)
+            for trial in batch.trials
         ]
