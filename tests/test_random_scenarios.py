@@ -10,7 +10,7 @@ import random_scenarios
 from helpers import Feedback, float64, light_dark_problem, quick_jit
 from mppi_belief.belief import gaussian as gaussians
 from mppi_belief.belief import kalman as belief
-from mppi_belief.numerics.linalg import ldl_solve, pivoted_cholesky, tria
+from mppi_belief.numerics.square_root import ldl_solve, pivoted_cholesky, tria
 from mppi_belief.planning import path_integral as pi
 from mppi_belief.trial.trials import divergence
 

@@ -6,7 +6,8 @@ from jax import Array
 
 from .belief.kalman import aim_sensor_ahead
 from .filters import EKF
-from .numerics.linalg import mahalanobis_squared, quadratic_form
+from .numerics.linalg import quadratic_form
+from .numerics.square_root import mahalanobis_squared
 from .problem import Belief, Filter, GaussianFilter, Problem
 from .results.columns import Consistency, Metrics
 from .simulate import Trial

@@ -16,7 +16,7 @@ from helpers import float64, light_dark_problem, quick_jit
 from mppi_belief.belief import gaussian as gaussians
 from mppi_belief.belief import kalman as belief
 from mppi_belief.belief.prior import prior
-from mppi_belief.numerics.linalg import pivoted_cholesky
+from mppi_belief.numerics.square_root import pivoted_cholesky
 
 PRECISIONS = {"float32": (nullcontext, np.float32), "float64": (float64, np.float64)}
 

@@ -22,7 +22,7 @@ from mppi_belief.belief.prior import prior, prior_mixture, sample_prior
 from mppi_belief.belief.schedule import GainSchedule
 from mppi_belief.errors import ConfigError
 from mppi_belief.filters.mixture import reweighted
-from mppi_belief.numerics.linalg import log_normal_density
+from mppi_belief.numerics.square_root import log_normal_density
 from mppi_belief.planning.parts import PlanInfo
 from mppi_belief.planning.schedules.shared import MixturePlan
 from mppi_belief.trial import check

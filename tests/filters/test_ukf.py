@@ -12,9 +12,9 @@ import mppi_belief as mb
 from helpers import light_dark_problem, quick_jit, random_spd
 from linear_system import random_problem
 from mppi_belief.belief.gaussian import RootBelief
-from mppi_belief.filters.ukf import regression, sigma_points
+from mppi_belief.filters.ukf import regression
 from mppi_belief.matching.affine import outside_mean_tangent
-from mppi_belief.numerics.quadrature import gaussian_nodes
+from mppi_belief.numerics.quadrature import gaussian_nodes, sigma_points
 from system_helpers import beacons, pendulum, turned
 
 KEY = jax.random.key(0)

@@ -8,7 +8,7 @@ import pytest
 import mppi_belief as mb
 import reference
 from helpers import Feedback, assert_mean, float64, light_dark_problem, quick_jit
-from mppi_belief.numerics.linalg import mahalanobis_squared
+from mppi_belief.numerics.square_root import mahalanobis_squared
 from system_helpers import pendulum
 
 TRIALS, STEPS, DT = 200, 25, 0.1

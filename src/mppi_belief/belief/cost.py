@@ -25,8 +25,8 @@ def running_moments(problem: Problem, mean: Array, cov: Array) -> CostMoments:
 
 def quadrature_moments(problem: Problem, mean: Array, cov: Array) -> CostMoments:
     """The same by cubature, deviations squared after the mean is taken off."""
-    base, weights = quadrature.evaluate(problem.cost.base, mean, cov)
-    penalty, _ = quadrature.evaluate(problem.penalty, mean, cov)
+    base, weights = quadrature.evaluate_at_nodes(problem.cost.base, mean, cov)
+    penalty, _ = quadrature.evaluate_at_nodes(problem.penalty, mean, cov)
     base_mean, penalty_mean = jnp.sum(weights * base), jnp.sum(weights * penalty)
     base, penalty = base - base_mean, penalty - penalty_mean
     return CostMoments(

@@ -8,7 +8,8 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 from jax import Array
 
-from ..numerics.linalg import pivoted_cholesky, symmetrise, tria
+from ..numerics.linalg import symmetrise
+from ..numerics.square_root import pivoted_cholesky, tria
 
 
 class RootBelief(NamedTuple):

@@ -17,7 +17,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from ..discretise import euler_step, measurement_cov, measurement_difference
-from ..numerics.linalg import potter_update, tria
+from ..numerics.square_root import potter_update, tria
 from ..problem import Belief, Correction, Problem, SteerableSensor
 from .gaussian import RootBelief, covariance, covariance_root
 

@@ -18,10 +18,10 @@ from jax import Array
 
 from ..numerics.linalg import (
     Vector,
-    apply,
     as_matrix,
     dot,
     log_det_1p,
+    matvec,
     minus,
     quadratic_form,
     spd_inverse,
@@ -34,9 +34,9 @@ def quadratic_moments(
 ) -> tuple[Array, Array]:
     """Expectation (eq. (4)) and variance of the quadratic, both (); weight (nx,) or (nx, nx)."""
     offset, spread = minus(mean, reference), as_matrix(weight) @ cov
-    expectation = 0.5 * (dot(apply(weight, offset), offset) + jnp.trace(spread))
+    expectation = 0.5 * (dot(matvec(weight, offset), offset) + jnp.trace(spread))
     return expectation, 0.5 * jnp.sum(spread * spread.T) + quadratic_form(
-        cov, apply(weight, offset)
+        cov, matvec(weight, offset)
     )
 
 
@@ -80,10 +80,10 @@ def quadratic_bump_covariance(
     A, M1 = _scaled(cov, centers, width)
     K = cov[:, : len(A)] @ M1 / width**2
     tightened = 0.5 * jnp.sum(as_matrix(weight) * (K @ cov[: len(A), :]))
-    slope = apply(weight, minus(mean, reference))
+    slope = matvec(weight, minus(mean, reference))
     total = jnp.zeros_like(mean[0])
     for log, center in zip(_log_expectations(mean, A, M1, centers, width), centers, strict=True):
-        shift = apply(-K, minus(mean, center))
+        shift = matvec(-K, minus(mean, center))
         total += jnp.exp(log) * (
             dot(shift, slope) + 0.5 * quadratic_form(weight, shift) - tightened
         )

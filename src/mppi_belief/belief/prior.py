@@ -11,8 +11,8 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from ..numerics.linalg import psd_factor
 from ..numerics.normals import standard_normal
+from ..numerics.square_root import psd_factor
 from ..problem import Belief, Problem
 from .gaussian import MixtureBelief, RootBelief, covariance
 

@@ -4,7 +4,8 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from ..numerics.linalg import ldl_solve, pivoted_cholesky, potter_update, symmetrise, tria
+from ..numerics.linalg import symmetrise
+from ..numerics.square_root import ldl_solve, pivoted_cholesky, potter_update, tria
 from .gaussian import covariance
 
 

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from ..discretise import euler_step, measurement_intensity
-from ..numerics.linalg import psd_factor
+from ..numerics.square_root import psd_factor
 from ..problem import Belief, Problem
 from .gaussian import MixtureBelief, RootBelief, covariance, covariance_root
 from .kalman import aim_sensor, filter_step

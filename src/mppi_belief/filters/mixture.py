@@ -14,7 +14,7 @@ from jax import Array
 from ..belief import kalman
 from ..belief.gaussian import MixtureBelief, RootBelief
 from ..belief.prior import prior_mixture
-from ..numerics.linalg import log_normal_density
+from ..numerics.square_root import log_normal_density
 from ..problem import Problem
 from ..structs import struct
 

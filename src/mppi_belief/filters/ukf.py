@@ -17,18 +17,15 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jax import Array
 
 from ..belief.gaussian import RootBelief, covariance, covariance_root
 from ..belief.prior import gaussian_prior
 from ..discretise import euler_step, measurement_cov, measurement_difference
-from ..numerics.linalg import potter_update, tria
-from ..numerics.quadrature import rule
+from ..numerics.quadrature import sigma_points
+from ..numerics.square_root import potter_update, tria
 from ..problem import Belief, Correction, Problem
 from ..structs import struct
-
-MOST_STATES = 4  # up to which no weight of the rule of degree 5 is negative
 
 
 class Regression(NamedTuple):
@@ -69,14 +66,6 @@ class UKF:
     ) -> RootBelief:
         """Returns the belief after control u (nu,) and the measurement y (ny,)."""
         return self.correct(problem, self.predict(problem, belief, u), y).posterior
-
-
-def sigma_points(nx: int) -> tuple[np.ndarray, np.ndarray]:
-    """Points (P, nx) and weights (P,) for N(0, I), none negative; those of weight zero are left out."""
-    if nx > MOST_STATES:
-        return np.sqrt(nx) * np.vstack([np.eye(nx), -np.eye(nx)]), np.full(2 * nx, 0.5 / nx)
-    points, weights = rule(nx)
-    return points[weights > 0], weights[weights > 0]
 
 
 def predicted(problem: Problem, belief: Belief | RootBelief, u: Array) -> RootBelief:

@@ -1,8 +1,13 @@
-"""Gaussian expectations by a cubature rule of degree 5, for costs without closed form.
+"""Expectations under Gaussians: the cubature rules of planner and filter, and fine grids of nodes.
 
-McNamee and Stenger (1967), in the form of Lu and Darmofal (2004): 2 n^2 + 1 points, exact for
-polynomials of degree 5, hence for the mean *and the variance* of any quadratic, which the usual
-2n-point rules get wrong. Weights are non-negative up to n = 4; beyond, variances are kept >= 0.
+| rule | nodes | exact to degree | weights | used by |
+|---|---|---|---|---|
+| `degree_five_rule` | 2 n^2 + 1 | 5 | negative from n = 5 on | costs without closed form |
+| `sigma_points` | up to 2 n^2 + 1 | 5, beyond n = 4: 3 | none negative | unscented filter |
+| `gaussian_nodes` | up to 1e5 | high | none negative | Theorem 1's residual |
+
+The rule of degree 5 is that of McNamee and Stenger (1967) in the form of Lu and Darmofal (2004). It
+gives the mean *and the variance* of any quadratic, which the usual 2n-point rules get wrong.
 """
 
 from collections.abc import Callable
@@ -15,63 +20,71 @@ import numpy as np
 from jax import Array
 from scipy.stats import qmc
 
-from .linalg import psd_factor
+from .square_root import psd_factor
+
+MOST_STATES_OF_DEGREE_FIVE = 4  # up to which the rule of degree 5 has no negative weight
+MOST_TENSOR_NODES = 100_000  # of a tensor product of Gauss-Hermite rules
+MOST_NODES_PER_AXIS = 64
+MOST_TENSOR_STATES = 6  # beyond, a Sobol sequence takes the place of the tensor product
+SOBOL_NODES = 2**14
 
 
-def rule(n: int) -> tuple[np.ndarray, np.ndarray]:
-    """Points (2 n^2 + 1, n) and weights (2 n^2 + 1,) for N(0, I_n)."""
+def degree_five_rule(n: int) -> tuple[np.ndarray, np.ndarray]:
+    """Returns points (2 n^2 + 1, n) and weights (2 n^2 + 1,) for N(0, I_n), exact to degree 5."""
     axes = np.sqrt(n + 2.0) * np.eye(n)
-    pairs = [
-        np.sqrt((n + 2.0) / 2) * (np.eye(n)[i] + sign * np.eye(n)[j])
-        for i, j in combinations(range(n), 2)
-        for sign in (1, -1)
-    ]
-    half = np.vstack([axes, *pairs])
-    weights = np.concatenate(
-        [np.full(n, (4 - n) / (2 * (n + 2) ** 2)), np.full(len(pairs), 1 / (n + 2) ** 2)]
-    )
+    diagonals = []
+    for i, j in combinations(range(n), 2):
+        for sign in (1, -1):
+            diagonals.append(np.sqrt((n + 2.0) / 2) * (np.eye(n)[i] + sign * np.eye(n)[j]))
+    half = np.vstack([axes, *diagonals])
+    axis_weights = np.full(n, (4 - n) / (2 * (n + 2) ** 2))
+    diagonal_weights = np.full(len(diagonals), 1 / (n + 2) ** 2)
+    half_weights = np.concatenate([axis_weights, diagonal_weights])
     points = np.vstack([np.zeros((1, n)), half, -half])
-    return points, np.concatenate([[2 / (n + 2)], weights, weights])
+    return points, np.concatenate([[2 / (n + 2)], half_weights, half_weights])
 
 
-def evaluate(fn: Callable[[Array], Array], mean: Array, cov: Array) -> tuple[Array, Array]:
-    """Values (P,) of a scalar `fn` at the rule's points for N(mean, cov), and the weights (P,)."""
-    points, weights = rule(mean.shape[0])
+def sigma_points(n: int) -> tuple[np.ndarray, np.ndarray]:
+    """Returns points (P, n) and positive weights (P,) for N(0, I_n).
+
+    Up to 4 states those of the rule of degree 5, without the points of weight zero; beyond, where
+    some of its weights are negative, the 2 n points of degree 3 (Arasaratnam and Haykin 2009).
+    """
+    if n > MOST_STATES_OF_DEGREE_FIVE:
+        return np.sqrt(n) * np.vstack([np.eye(n), -np.eye(n)]), np.full(2 * n, 0.5 / n)
+    points, weights = degree_five_rule(n)
+    return points[weights > 0], weights[weights > 0]
+
+
+def evaluate_at_nodes(fn: Callable[[Array], Array], mean: Array, cov: Array) -> tuple[Array, Array]:
+    """Returns values (P,) of a scalar `fn` at the rule of degree 5 for N(mean, cov), and weights (P,)."""
+    points, weights = degree_five_rule(mean.shape[0])
     factor, _ = psd_factor(cov)
     offsets = jnp.asarray(points, dtype=cov.dtype) @ factor.T
-    return jax.vmap(lambda offset: fn(mean + offset))(offsets), jnp.asarray(
-        weights, dtype=cov.dtype
-    )
+    values = jax.vmap(lambda offset: fn(mean + offset))(offsets)
+    return values, jnp.asarray(weights, dtype=cov.dtype)
 
 
 def expectation(fn: Callable[[Array], Array], mean: Array, cov: Array) -> Array:
-    """E[fn(x)] () for scalar `fn`."""
-    values, weights = evaluate(fn, mean, cov)
+    """Returns E[fn(x)] () for a scalar `fn`, by the rule of degree 5."""
+    values, weights = evaluate_at_nodes(fn, mean, cov)
     return jnp.sum(weights * values)
-
-
-MOST_NODES, MOST_PER_AXIS, TENSOR_UP_TO = 100_000, 64, 6
-
-
-SOBOL = 2**14
 
 
 @cache
 def gaussian_nodes(nx: int, per_axis: int | None = None) -> tuple[np.ndarray, np.ndarray]:
-    """Points (P, nx) and weights (P,), which sum to 1, for N(0, I).
+    """Returns points (P, nx) and weights (P,), which sum to 1, for N(0, I).
 
-    The tensor product of the Gauss-Hermite rule with `per_axis` points, by default as many as keep P within 1e5
-    but at most 64; without `per_axis` and for nx > 6, a scrambled Sobol sequence with equal weights, always the same.
+    The nodes are the tensor product of the Gauss-Hermite rule with `per_axis` points, by default as
+    many as keep P within 1e5 but at most 64. Without `per_axis` and for nx > 6 they are a scrambled
+    Sobol sequence with equal weights, always the same.
     """
-    if per_axis is None and nx > TENSOR_UP_TO:
-        points = qmc.MultivariateNormalQMC(np.zeros(nx), inv_transform=True, seed=0).random(SOBOL)
-        return points, np.full(SOBOL, 1 / SOBOL)
-    per_axis = per_axis or min(MOST_PER_AXIS, int(MOST_NODES ** (1 / nx)))
-    abscissae, line = np.polynomial.hermite_e.hermegauss(per_axis)
+    if per_axis is None and nx > MOST_TENSOR_STATES:
+        sequence = qmc.MultivariateNormalQMC(np.zeros(nx), inv_transform=True, seed=0)
+        return sequence.random(SOBOL_NODES), np.full(SOBOL_NODES, 1 / SOBOL_NODES)
+    per_axis = per_axis or min(MOST_NODES_PER_AXIS, int(MOST_TENSOR_NODES ** (1 / nx)))
+    abscissae, axis_weights = np.polynomial.hermite_e.hermegauss(per_axis)
+    axis_weights = axis_weights / axis_weights.sum()
     points = np.stack(np.meshgrid(*[abscissae] * nx, indexing="ij"), axis=-1).reshape(-1, nx)
-    weights = (
-        np.stack(np.meshgrid(*[line / line.sum()] * nx, indexing="ij"), axis=-1)
-        .prod(axis=-1)
-        .ravel()
-    )
-    return points, weights
+    factors = np.stack(np.meshgrid(*[axis_weights] * nx, indexing="ij"), axis=-1)
+    return points, factors.prod(axis=-1).ravel()

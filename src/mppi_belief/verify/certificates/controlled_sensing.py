@@ -12,7 +12,7 @@ from jax import Array
 from ...belief.riccati import kalman_bucy_gain
 from ...matching.sensor import matching_sensor
 from ...matching.weights import matched_weight, residual
-from ...numerics.linalg import psd_factor
+from ...numerics.square_root import psd_factor
 from ...planning import path_integral as pi
 from ...problem import Problem
 from ...results.certificate import Certificate, Check, Line, Panel

@@ -12,8 +12,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from ...numerics.linalg import psd_factor
 from ...numerics.quadrature import gaussian_nodes
+from ...numerics.square_root import psd_factor
 from ...planning.path_costs import RiskSensitive
 from ...problem import Controller, Problem
 from ...results.certificate import Check
