@@ -1,18 +1,31 @@
-"""Path integral control in Gaussian belief space (Das and Tanaka): the parts, for use without Hydra.
+"""Path integral control in Gaussian belief space (Das and Tanaka): the public names.
+
+They need no Hydra and no command line. docs/api.md has an example of each.
 
     import mppi_belief as mb
 
-    obstacles = mb.Obstacles(centers=[[3, 1], [3, -1]], radius=0.65)
     system = mb.LightDark(process_noise=0.3, light=5, noise_slope=0.5**0.5, noise_floor=0.1)
     cost = mb.GoalObstacleCost(
-        goal=[7, 0, 0, 0], running_weight=[1.5, 1.5, 0.6, 0.6], terminal_weight=[5, 5, 0.15, 0.15],
-        control_weight=[0.035, 0.035], w_obs=500, bump_width=0.285,
+        goal=[7, 0, 0, 0],
+        running_weight=[1.5, 1.5, 0.6, 0.6],
+        terminal_weight=[5, 5, 0.15, 0.15],
+        control_weight=[0.035, 0.035],
+        w_obs=500,
+        bump_width=0.285,
     )
     problem = mb.Problem(
-        system, cost, prior_mean=[1, 1, 0, 0], prior_std=[0.2, 0.2, 0.05, 0.05], dt=0.1, steps=60,
-        obstacles=obstacles, position=(0, 1),
+        system,
+        cost,
+        prior_mean=[1, 1, 0, 0],
+        prior_std=[0.2, 0.2, 0.05, 0.05],
+        dt=0.1,
+        steps=60,
+        obstacles=mb.Obstacles(centers=[[3, 1], [3, -1]], radius=0.65),
+        position=(0, 1),
     )
-    planner = mb.MPPI(path_cost=mb.RiskSensitive(theta=1), sampler=mb.NominalSampler(control_std=2.75))
+    planner = mb.MPPI(
+        path_cost=mb.RiskSensitive(theta=1), sampler=mb.NominalSampler(control_std=2.75)
+    )
     trial = mb.simulate_trial(problem, mb.EKF(), planner, seed=0, trial=0)
     print(mb.metrics(problem, trial))
 
@@ -20,18 +33,112 @@ Names are loaded on first use, so that importing the package does not import JAX
 """
 
 from importlib import import_module
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-_HOME = {
+# isort: off
+if TYPE_CHECKING:  # the same names as below, for type checkers
+    from .belief.gaussian import MixtureBelief as MixtureBelief, RootBelief as RootBelief
+    from .belief.kalman import correct as correct, predict as predict
+    from .belief.particles import ParticleBelief as ParticleBelief
+    from .belief.prior import sample_prior as sample_prior
+    from .controllers import (
+        AverageOfParticles as AverageOfParticles,
+        EKFiLQG as EKFiLQG,
+        LQG as LQG,
+        MPPI as MPPI,
+        OracleMPPI as OracleMPPI,
+        PIPF as PIPF,
+        PooledPaths as PooledPaths,
+    )
+    from .costs import GoalObstacleCost as GoalObstacleCost
+    from .discretise import (
+        euler_step as euler_step,
+        measurement_cov as measurement_cov,
+        measurement_difference as measurement_difference,
+        measurement_factor as measurement_factor,
+    )
+    from .filters import (
+        EKF as EKF,
+        MixtureFilter as MixtureFilter,
+        ParticleFilter as ParticleFilter,
+        UKF as UKF,
+    )
+    from .obstacles import Obstacles as Obstacles
+    from .planning.parts import (
+        DrawnPaths as DrawnPaths,
+        MixturePathCost as MixturePathCost,
+        PathCost as PathCost,
+        PlanInfo as PlanInfo,
+        Sampler as Sampler,
+        Schedule as Schedule,
+    )
+    from .planning.path_costs import (
+        CertaintyEquivalent as CertaintyEquivalent,
+        RiskSensitive as RiskSensitive,
+    )
+    from .planning.samplers import (
+        InnovationSampler as InnovationSampler,
+        LaplaceSampler as LaplaceSampler,
+        NominalSampler as NominalSampler,
+    )
+    from .planning.schedules import (
+        PerPathCovariance as PerPathCovariance,
+        SharedCovariance as SharedCovariance,
+    )
+    from .problem import (
+        Belief as Belief,
+        ClosedFormCost as ClosedFormCost,
+        Controller as Controller,
+        Correction as Correction,
+        Cost as Cost,
+        CostMoments as CostMoments,
+        Filter as Filter,
+        GaussianFilter as GaussianFilter,
+        ObstacleShape as ObstacleShape,
+        Problem as Problem,
+        SteerableSensor as SteerableSensor,
+        Surroundings as Surroundings,
+        System as System,
+        WrappedMeasurements as WrappedMeasurements,
+    )
+    from .results.columns import Consistency as Consistency, Metrics as Metrics
+    from .simulate import Trial as Trial, plant_step as plant_step, simulate_trial as simulate_trial
+    from .structs import (
+        array as array,
+        choice as choice,
+        indices as indices,
+        number as number,
+        size as size,
+        struct as struct,
+    )
+    from .systems import (
+        Beacons as Beacons,
+        LightDark as LightDark,
+        Linear as Linear,
+        Pendulum as Pendulum,
+        PointRobot as PointRobot,
+        ScalarLinear as ScalarLinear,
+        Steered as Steered,
+    )
+    from .trial_metrics import consistency as consistency, metrics as metrics
+# isort: on
+
+# The module in which each public name is defined.
+_MODULES = {
     "Belief": "problem",
+    "ClosedFormCost": "problem",
     "Controller": "problem",
+    "Correction": "problem",
     "Cost": "problem",
     "CostMoments": "problem",
     "Filter": "problem",
+    "GaussianFilter": "problem",
     "ObstacleShape": "problem",
     "Problem": "problem",
+    "SteerableSensor": "problem",
     "Surroundings": "problem",
     "System": "problem",
+    "WrappedMeasurements": "problem",
     "Obstacles": "obstacles",
     "Beacons": "systems",
     "LightDark": "systems",
@@ -42,47 +149,64 @@ _HOME = {
     "Steered": "systems",
     "GoalObstacleCost": "costs",
     "EKF": "filters",
-    "ParticleFilter": "filters",
     "MixtureFilter": "filters",
+    "ParticleFilter": "filters",
     "UKF": "filters",
+    "AverageOfParticles": "controllers",
+    "EKFiLQG": "controllers",
+    "LQG": "controllers",
     "MPPI": "controllers",
     "OracleMPPI": "controllers",
-    "EKFiLQG": "controllers",
     "PIPF": "controllers",
-    "AverageOfParticles": "controllers",
     "PooledPaths": "controllers",
-    "LQG": "controllers",
-    "RiskSensitive": "planning.path_costs",
+    "DrawnPaths": "planning.parts",
+    "MixturePathCost": "planning.parts",
+    "PathCost": "planning.parts",
+    "PlanInfo": "planning.parts",
+    "Sampler": "planning.parts",
+    "Schedule": "planning.parts",
     "CertaintyEquivalent": "planning.path_costs",
-    "NominalSampler": "planning.samplers",
+    "RiskSensitive": "planning.path_costs",
     "InnovationSampler": "planning.samplers",
     "LaplaceSampler": "planning.samplers",
-    "SharedCovariance": "planning.schedules",
+    "NominalSampler": "planning.samplers",
     "PerPathCovariance": "planning.schedules",
-    "PlanInfo": "planning.parts",
-    "Consistency": "trial_metrics",
-    "Metrics": "trial_metrics",
+    "SharedCovariance": "planning.schedules",
+    "MixtureBelief": "belief.gaussian",
+    "RootBelief": "belief.gaussian",
+    "ParticleBelief": "belief.particles",
+    "sample_prior": "belief.prior",
+    "correct": "belief.kalman",
+    "predict": "belief.kalman",
+    "euler_step": "discretise",
+    "measurement_cov": "discretise",
+    "measurement_difference": "discretise",
+    "measurement_factor": "discretise",
     "Trial": "simulate",
+    "plant_step": "simulate",
+    "simulate_trial": "simulate",
+    "Consistency": "results.columns",
+    "Metrics": "results.columns",
     "consistency": "trial_metrics",
     "metrics": "trial_metrics",
-    "simulate_trial": "simulate",
-    "struct": "structs",
-    "number": "structs",
     "array": "structs",
-    "size": "structs",
-    "indices": "structs",
     "choice": "structs",
+    "indices": "structs",
+    "number": "structs",
+    "size": "structs",
+    "struct": "structs",
 }
 
-__all__ = [*_HOME, "__version__"]
+__all__ = [*_MODULES, "__version__"]
 
 
 def __getattr__(name: str) -> Any:
+    """Loads a public name on first use."""
     if name == "__version__":
         return _version()
-    if name not in _HOME:
+    if name not in _MODULES:
         raise AttributeError(f"module 'mppi_belief' has no attribute {name!r}")
-    return getattr(import_module(f".{_HOME[name]}", __name__), name)
+    return getattr(import_module(f".{_MODULES[name]}", __name__), name)
 
 
 def _version() -> str:

@@ -26,7 +26,7 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 import jax.numpy as jnp
 from jax import Array
 
-from .structs import array, choice, indices, number, size, struct
+from .structs import ArrayField, OptionalArrayField, array, choice, indices, number, size, struct
 
 
 class Belief(NamedTuple):
@@ -220,15 +220,17 @@ class Problem:
 
     system: System
     cost: Cost
-    prior_mean: Array = array(ndim=1)  # (nx,)
-    prior_std: Array = array(ndim=1, ge=0)  # (nx,)
+    prior_mean: ArrayField = array(ndim=1)  # (nx,)
+    prior_std: ArrayField = array(ndim=1, ge=0)  # (nx,)
     dt: float = number(gt=0)  # s
     steps: int = size()  # k = 0..steps
     obstacles: ObstacleShape | None = None  # None: there are none
     position: tuple[int, ...] | None = indices(default=None, optional=True)  # components; None: all
     noise_convention: str = choice("sample", "intensity", default="sample")  # see `discretise`
-    prior_modes: Array | None = array(default=None, ndim=2, optional=True)  # (m, nx)
-    prior_weights: Array | None = array(default=None, ndim=1, gt=0, optional=True)  # (m,), any sum
+    prior_modes: OptionalArrayField = array(default=None, ndim=2, optional=True)  # (m, nx)
+    prior_weights: OptionalArrayField = array(
+        default=None, ndim=1, gt=0, optional=True
+    )  # (m,), any sum
 
     def __post_init__(self) -> None:
         """Refuse a system that has what is given to the problem."""

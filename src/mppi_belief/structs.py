@@ -13,10 +13,13 @@ object is made; a bad one raises `ValueError` naming the field. Traced values pa
 """
 
 import dataclasses
-from typing import Any, TypeVar, dataclass_transform
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, TypeVar, dataclass_transform
 
 import jax
 import numpy as np
+from jax import Array
+from jax.typing import ArrayLike
 
 from .fields import Choice, Indices, Number, WholeNumber, check_range, checked, ruled, rules
 
@@ -25,6 +28,26 @@ T = TypeVar("T")
 ROUNDING = 1e-12  # relative to the largest eigenvalue; smaller ones count as zero
 
 _STRUCTS: set[type] = set()
+
+if TYPE_CHECKING:
+    # The value that a constructor takes is converted, so it has another type than the field.
+
+    class ArrayField:
+        """Annotates a field made with `array`: set from numbers in any form, read as an array."""
+
+        def __get__(self, instance: object, owner: Any = None) -> Array: ...
+
+        def __set__(self, instance: object, value: ArrayLike | Sequence[Any]) -> None: ...
+
+    class OptionalArrayField:
+        """Annotates an optional field made with `array`."""
+
+        def __get__(self, instance: object, owner: Any = None) -> Array | None: ...
+
+        def __set__(self, instance: object, value: ArrayLike | Sequence[Any] | None) -> None: ...
+else:
+    ArrayField = Array
+    OptionalArrayField = Array | None
 
 
 @dataclasses.dataclass(frozen=True)

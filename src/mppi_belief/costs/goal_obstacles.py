@@ -18,7 +18,7 @@ from ..belief.moments import (
 )
 from ..numerics.linalg import as_matrix, minus, quadratic_form
 from ..problem import CostMoments, Surroundings
-from ..structs import array, number, struct
+from ..structs import ArrayField, array, number, struct
 
 
 @struct
@@ -29,10 +29,10 @@ class GoalObstacleCost:
     `centers` (n, d), as `mppi_belief.Obstacles` has. Without obstacles the cost is quadratic.
     """
 
-    goal: Array = array(ndim=1)  # (nx,)
-    running_weight: Array = array(ndim=(1, 2), ge=0)  # Q^x
-    terminal_weight: Array = array(ndim=(1, 2), ge=0)  # Q^T
-    control_weight: Array = array(ndim=(1, 2), gt=0)  # R, (nu,) or (nu, nu)
+    goal: ArrayField = array(ndim=1)  # (nx,)
+    running_weight: ArrayField = array(ndim=(1, 2), ge=0)  # Q^x
+    terminal_weight: ArrayField = array(ndim=(1, 2), ge=0)  # Q^T
+    control_weight: ArrayField = array(ndim=(1, 2), gt=0)  # R, (nu,) or (nu, nu)
     w_obs: float = number(default=0.0, ge=0)
     bump_width: float = number(default=1.0, gt=0)  # l, m
 

@@ -3,14 +3,14 @@
 import jax.numpy as jnp
 from jax import Array
 
-from ..structs import array, number, struct
+from ..structs import ArrayField, array, number, struct
 
 
 @struct
 class Obstacles:
     """Discs (spheres) of one radius; centers (n, d) in metres, n may be zero."""
 
-    centers: Array = array(ndim=2)
+    centers: ArrayField = array(ndim=2)
     radius: float = number(ge=0)
 
     def clearance(self, position: Array) -> Array:

@@ -16,22 +16,22 @@ itself, kappa = 0 its linearisation at z. Deviations are those at the beacons' t
 import jax.numpy as jnp
 from jax import Array
 
-from ..structs import array, number, struct
+from ..structs import ArrayField, array, number, struct
 
 
 @struct
 class Beacons:
     """A unicycle among n beacons (n, 2); c has no derivative at a beacon."""
 
-    beacons: Array = array(ndim=2)  # b_j, m
-    anchor: Array = array(ndim=1)  # z (2,), m
+    beacons: ArrayField = array(ndim=2)  # b_j, m
+    anchor: ArrayField = array(ndim=1)  # z (2,), m
     turn_noise: float = number(ge=0)  # sigma_h, rad/s^0.5
     speed_noise: float = number(ge=0)  # sigma_v, m/s^1.5
     distance_floor: float = number(gt=0)  # m
     distance_slope: float = number(ge=0)
     bearing_floor: float = number(gt=0)  # rad
     bearing_slope: float = number(ge=0)  # rad/m
-    curvature: float = number(1.0, ge=0)  # kappa
+    curvature: float = number(default=1.0, ge=0)  # kappa
 
     @property
     def H(self) -> Array:

@@ -6,18 +6,18 @@ dx = (A x + B u) dt + H dw,      dy = C x dt + sigma_o dnu
 import jax.numpy as jnp
 from jax import Array
 
-from ..structs import array, struct
+from ..structs import ArrayField, array, struct
 
 
 @struct
 class Linear:
     """nx states, nu controls, ny measurements, nw noise channels, no obstacles."""
 
-    A: Array = array(ndim=2)  # (nx, nx)
-    B: Array = array(ndim=2)  # (nx, nu)
-    C: Array = array(ndim=2)  # (ny, nx)
-    channel: Array = array(ndim=2)  # H (nx, nw)
-    sensor_noise: Array = array(ndim=1, gt=0)  # the diagonal of sigma_o (ny,)
+    A: ArrayField = array(ndim=2)  # (nx, nx)
+    B: ArrayField = array(ndim=2)  # (nx, nu)
+    C: ArrayField = array(ndim=2)  # (ny, nx)
+    channel: ArrayField = array(ndim=2)  # H (nx, nw)
+    sensor_noise: ArrayField = array(ndim=1, gt=0)  # the diagonal of sigma_o (ny,)
 
     @property
     def H(self) -> Array:

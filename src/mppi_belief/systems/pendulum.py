@@ -27,8 +27,8 @@ class Pendulum:
     damping: float = number(ge=0)  # d, 1/s
     process_noise: float = number(ge=0)  # sigma_w, rad/s^1.5
     sensor_noise: float = number(gt=0)  # sigma_o
-    anchor: float = number(0.0)  # z, rad
-    curvature: float = number(1.0, ge=0)  # kappa
+    anchor: float = number(default=0.0)  # z, rad
+    curvature: float = number(default=1.0, ge=0)  # kappa
 
     @property
     def H(self) -> Array:

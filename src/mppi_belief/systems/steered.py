@@ -13,7 +13,7 @@ from jax import Array
 from ..discretise import measurement_factor
 from ..matching.sensor import matching_sensor
 from ..problem import Problem
-from ..structs import array, choice, number, struct
+from ..structs import ArrayField, array, choice, number, struct
 
 
 @struct
@@ -23,16 +23,16 @@ class Steered:
     It has nx states, nu controls, ny >= nu measurements and nw noise channels.
     """
 
-    A: Array = array(ndim=2)  # (nx, nx)
-    B: Array = array(ndim=2)  # (nx, nu)
-    C: Array = array(ndim=2)  # (ny, nx), of the fixed sensor
-    channel: Array = array(ndim=2)  # H (nx, nw)
-    sensor_noise: Array = array(ndim=1, gt=0)  # the diagonal of sigma_o (ny,)
-    temperature: float = number(1.0, gt=0)  # lambda of (15), that of the planner
-    limit: float | None = number(
-        None, gt=0, optional=True
-    )  # of the singular values of sigma_o^-1 C
-    selector: str = choice("matched", "fixed")  # C follows the covariance, or is the matrix given
+    A: ArrayField = array(ndim=2)  # (nx, nx)
+    B: ArrayField = array(ndim=2)  # (nx, nu)
+    C: ArrayField = array(ndim=2)  # (ny, nx), of the fixed sensor
+    channel: ArrayField = array(ndim=2)  # H (nx, nw)
+    sensor_noise: ArrayField = array(ndim=1, gt=0)  # the diagonal of sigma_o (ny,)
+    temperature: float = number(default=1.0, gt=0)  # lambda of (15), that of the planner
+    # The largest singular value of sigma_o^-1 C; None: any.
+    limit: float | None = number(default=None, gt=0, optional=True)
+    # Whether C follows the covariance or is the matrix given.
+    selector: str = choice("matched", "fixed", default="matched")
 
     @property
     def H(self) -> Array:
