@@ -1,10 +1,13 @@
 """What `import mppi_belief` gives, and the numbers it gives."""
 
+import ast
 import importlib
 import inspect
 import pkgutil
+import re
 import textwrap
 from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,6 +18,9 @@ from experiment_helpers import compiled_quickly
 from helpers import light_dark_problem
 from mppi_belief.trial import run_trials
 from mppi_belief.trial_metrics import Metrics
+
+ROOT = Path(__file__).resolve().parents[1]
+CACHE = ROOT / ".mypy_cache"
 
 # cost, running cost, terminal cost, clearance (m), final distance (m), mean effective sample size
 # of trials 0, 1, 2 in double precision. A change of these numbers is a change of the algorithm:
@@ -49,6 +55,66 @@ def test_every_public_name_is_there_and_documented(name):
         assert text
         assert not text.startswith(f"{name}(")  # what a dataclass or a named tuple writes by itself
         assert len(text) > 20
+
+
+def test_every_public_name_has_an_example():
+    """The Python in docs/ is executed by `test_docs.py`."""
+    page = (ROOT / "docs" / "api.md").read_text()
+    blocks = "".join(re.findall(r"^```python\n(.*?)^```$", page, re.MULTILINE | re.DOTALL))
+    assert set(re.findall(r"\bmb\.(\w+)", blocks)) == set(mb.__all__)
+
+
+def test_type_checkers_are_told_the_same_names():
+    """They read the imports that are never executed."""
+    modules = {}
+    for node in ast.walk(ast.parse(inspect.getsource(mb))):
+        if isinstance(node, ast.ImportFrom) and node.level == 1:
+            modules |= {alias.asname: node.module for alias in node.names}
+    assert set(modules) == set(mb.__all__) - {"__version__"}
+    for name, module in modules.items():
+        assert getattr(importlib.import_module(f"mppi_belief.{module}"), name) is getattr(mb, name)
+
+
+USE = """
+import mppi_belief as mb
+
+discs = mb.Obstacles(centers=[[3, 1], [3, -1]], radius=1)
+system = mb.LightDark(process_noise=0.3, light=5, noise_slope=1, noise_floor=0.1)
+cost = mb.GoalObstacleCost([7, 0, 0, 0], [1] * 4, [1] * 4, [1, 1])
+problem = mb.Problem(system, cost, [0] * 4, [1] * 4, dt=0.1, steps=6, obstacles=discs)
+trial = mb.simulate_trial(problem, mb.EKF(), mb.MPPI(), 0, 0)
+reveal_type(trial.states)
+reveal_type(cost.goal)
+mb.Obstacles("here", 1)
+mb.LightDark()
+mb.nobody
+"""
+
+
+def test_type_checkers_see_the_public_types(tmp_path, monkeypatch):
+    """Lists and whole numbers may be given; what is missing or of another type is reported."""
+    api = pytest.importorskip("mypy.api")
+    monkeypatch.chdir(ROOT)  # the configuration's paths are relative
+    program = tmp_path / "program.py"
+    program.write_text(USE)
+    options = ["--config-file", str(ROOT / "pyproject.toml"), "--cache-dir", str(CACHE)]
+    lines = api.run([*options, "--no-error-summary", str(program)])[0].splitlines()
+    found = [re.sub(r"^.*?:(\d+): ", r"\1 ", line) for line in lines if "program.py" in line]
+    assert [line.split(" ")[0] for line in found] == ["9", "10", "11", "12", "13"]
+    for line, words in zip(
+        found,
+        ["Array", "Array", "incompatible type", "Missing positional", "no attribute"],
+        strict=True,
+    ):
+        assert words in line
+
+
+def test_configurations_name_classes_by_their_public_names():
+    """One spelling of `_target_` for the package's own classes: mppi_belief.Name."""
+    for path in (ROOT / "conf").rglob("*.yaml"):
+        for target in re.findall(r"_target_: (mppi_belief\S*)", path.read_text()):
+            package, _, name = target.partition(".")
+            assert (package, name in mb.__all__) == ("mppi_belief", True), f"{path}: {target}"
 
 
 def test_other_names_are_refused_as_modules_do():

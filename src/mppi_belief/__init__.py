@@ -121,6 +121,8 @@ if TYPE_CHECKING:  # the same names as below, for type checkers
         Steered as Steered,
     )
     from .trial_metrics import consistency as consistency, metrics as metrics
+
+    __version__: str
 # isort: on
 
 # The module in which each public name is defined.
@@ -200,13 +202,15 @@ _MODULES = {
 __all__ = [*_MODULES, "__version__"]
 
 
-def __getattr__(name: str) -> Any:
-    """Loads a public name on first use."""
-    if name == "__version__":
-        return _version()
-    if name not in _MODULES:
-        raise AttributeError(f"module 'mppi_belief' has no attribute {name!r}")
-    return getattr(import_module(f".{_MODULES[name]}", __name__), name)
+if not TYPE_CHECKING:  # type checkers would take every name for one of this function's
+
+    def __getattr__(name: str) -> Any:
+        """Loads a public name on first use."""
+        if name == "__version__":
+            return _version()
+        if name not in _MODULES:
+            raise AttributeError(f"module 'mppi_belief' has no attribute {name!r}")
+        return getattr(import_module(f".{_MODULES[name]}", __name__), name)
 
 
 def _version() -> str:

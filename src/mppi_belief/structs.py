@@ -13,7 +13,6 @@ object is made; a bad one raises `ValueError` naming the field. Traced values pa
 """
 
 import dataclasses
-from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, TypeVar, dataclass_transform
 
 import jax
@@ -37,14 +36,18 @@ if TYPE_CHECKING:
 
         def __get__(self, instance: object, owner: Any = None) -> Array: ...
 
-        def __set__(self, instance: object, value: ArrayLike | Sequence[Any]) -> None: ...
+        def __set__(
+            self, instance: object, value: ArrayLike | list[Any] | tuple[Any, ...]
+        ) -> None: ...
 
     class OptionalArrayField:
         """Annotates an optional field made with `array`."""
 
         def __get__(self, instance: object, owner: Any = None) -> Array | None: ...
 
-        def __set__(self, instance: object, value: ArrayLike | Sequence[Any] | None) -> None: ...
+        def __set__(
+            self, instance: object, value: ArrayLike | list[Any] | tuple[Any, ...] | None
+        ) -> None: ...
 else:
     ArrayField = Array
     OptionalArrayField = Array | None
