@@ -2,6 +2,8 @@
 
 import os
 import re
+import subprocess
+import sys
 from collections.abc import Iterator
 from types import SimpleNamespace
 from typing import Any
@@ -174,3 +176,19 @@ def test_a_plugin_that_fails_is_the_reason_and_no_traceback(monkeypatch, caplog)
     with pytest.raises(ConfigError, match=r": Unable to load CUDA. Is it installed\?$"):
         device(compose(*SMALL, "platform=gpu"))
     assert caplog.records == []
+
+
+def test_the_setting_of_jax_is_made_where_a_process_starts_to_compute_and_not_at_import():
+    program = (
+        "import jax\n"
+        "import mppi_belief.trial, mppi_belief.verify.runner\n"
+        "name = 'jax_cpu_enable_async_dispatch'\n"
+        "before = jax.config.read(name)\n"
+        "mppi_belief.trial.device({'platform': 'cpu'})\n"
+        "print(before, jax.config.read(name))\n"
+    )
+    environment = dict(os.environ, JAX_PLATFORMS="cpu")
+    done = subprocess.run(
+        [sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=True
+    )
+    assert done.stdout.split() == ["True", "False"]

@@ -1,7 +1,5 @@
 """What a worker runs: build a cell's objects, simulate its trials, time its control step."""
 
-import jax
-
 from .build import Experiment, build, check
 from .device import device
 from .recording import record
@@ -20,6 +18,3 @@ __all__ = [
     "run_trials",
     "time_steps",
 ]
-
-# What is computed here takes less time than handing it to another thread and waiting; before JAX's first computation.
-jax.config.update("jax_cpu_enable_async_dispatch", False)

@@ -9,10 +9,12 @@ from typing import Any
 import jax
 
 from ..errors import ConfigError
+from ..numerics.dispatch import compute_in_calling_thread
 
 
 def device(config: dict[str, Any]) -> str:
     """What JAX calls the device that this process computes on; raises `ConfigError` if its platform is another."""
+    compute_in_calling_thread()
     wanted, chosen = config["platform"], f"JAX_PLATFORMS={os.environ.get('JAX_PLATFORMS', '')}"
     with _heard() as said:
         try:

@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 import jax
 
+from ..numerics.dispatch import compute_in_calling_thread
 from ..results.certificate import Certificate
 
 
@@ -31,6 +32,7 @@ class CertificateOutcome(NamedTuple):
 def certify(name: str, seed: int) -> CertificateOutcome:
     """Computes the certificate of one module of `verify.certificates`, in double precision."""
     start = time.perf_counter()
+    compute_in_calling_thread()
     try:
         with jax.enable_x64(True):
             module = import_module(f"mppi_belief.verify.certificates.{name}")
