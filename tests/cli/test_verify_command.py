@@ -140,7 +140,7 @@ def test_a_real_one_in_a_process_of_its_own(verify, tmp_path):
 
 
 def test_what_a_certificate_raises_is_said():
-    done = runner.certify("not_there", 0)
+    done = runner.compute_certificate("not_there", 0)
     assert done.certificate is None
     assert done.error.startswith("ModuleNotFoundError: No module named")
 

@@ -84,7 +84,9 @@ def test_a_cost_that_is_not_the_quadratic_form_is_seen(expected):
 
 def test_another_temperature_than_the_matched_one_does_not_cost_what_is_predicted(expected, x64):
     problem, optimum = scalar.stationary_problem()
-    warm = dataclasses.replace(a1.receding_algorithm(1024), temperature=2 * scalar.TEMPERATURE)
+    warm = dataclasses.replace(
+        a1.receding_algorithm(1024), temperature=2 * scalar.SCALAR_TEMPERATURE
+    )
     run = a1.closed_loops(problem, warm, 0, 50)
     form = 0.5 * optimum.hessian * np.sum((run.control + optimum.gain * run.mean) ** 2, axis=1)
     assert form.mean() - expected.excess(1024) > quantile(1, 49) * standard_error(form)
@@ -92,7 +94,7 @@ def test_another_temperature_than_the_matched_one_does_not_cost_what_is_predicte
 
 def test_a_controller_that_is_not_the_optimum_is_seen(x64):
     problem, optimum = scalar.stationary_problem()
-    mean = np.ones((10, scalar.STEPS))
+    mean = np.ones((10, scalar.SCALAR_STEPS))
     best = scalar.scalar_optimal_cost(problem, optimum, scalar.filter_law(problem)[0])
     costs = best + np.linspace(-1, 1, 10)
     off = a1.ScalarLoops(costs, mean, -(optimum.gain + 1e-6) * mean)
@@ -114,7 +116,7 @@ def test_the_tilted_paths_are_those_of_the_reference(tau, monkeypatch):
         scalar.CONTROL_GAIN,
         scalar.STATE_WEIGHT,
         1.7,
-        scalar.DT,
+        scalar.SCALAR_DT,
         6,
         0.4,
         1.1,
@@ -132,13 +134,13 @@ def test_the_optimal_cost_is_that_of_the_joint_second_moments(x64):
     """Of the state and its estimate, step by step."""
     problem, optimum = scalar.stationary_problem()
     covs, innovations = scalar.filter_law(problem)
-    R, B, K = float(problem.cost.R[0, 0]), scalar.CONTROL_GAIN * scalar.DT, optimum.gain
+    R, B, K = float(problem.cost.R[0, 0]), scalar.CONTROL_GAIN * scalar.SCALAR_DT, optimum.gain
     square = float(problem.prior_mean[0]) ** 2  # E mu^2; E x^2 is that and the covariance
     cost = 0.0
     for cov, innovation in zip(covs, innovations, strict=True):
-        cost += 0.5 * (scalar.STATE_WEIGHT * (square + cov) + R * K**2 * square) * scalar.DT
+        cost += 0.5 * (scalar.STATE_WEIGHT * (square + cov) + R * K**2 * square) * scalar.SCALAR_DT
         square = (1 - B * K) ** 2 * square + innovation
-    last = covs[-1] + scalar.NOISE**2 * scalar.DT - innovations[-1]
+    last = covs[-1] + scalar.SCALAR_NOISE**2 * scalar.SCALAR_DT - innovations[-1]
     cost += 0.5 * optimum.value * (square + last)
     assert scalar.scalar_optimal_cost(problem, optimum, covs) == pytest.approx(cost, rel=1e-12)
 
@@ -150,12 +152,12 @@ def test_the_prediction_is_the_spread_of_a_ratio_of_averages(x64):
     predicted = scalar.predicted_excess(problem, optimum, covs, innovations)
     D, rng = scalar.planned_diffusions(problem, covs)[0], np.random.default_rng(0)
     pushed, B = (
-        np.sqrt(D * scalar.DT)[:, None] * rng.normal(size=(len(D), 400_000)),
-        scalar.CONTROL_GAIN * scalar.DT,
+        np.sqrt(D * scalar.SCALAR_DT)[:, None] * rng.normal(size=(len(D), 400_000)),
+        scalar.CONTROL_GAIN * scalar.SCALAR_DT,
     )
     mu = 1 + np.vstack([0 * pushed[:1], np.cumsum(pushed, axis=0)])
     w = np.exp(
-        -0.5 * scalar.STATE_WEIGHT * scalar.DT * np.sum(mu[:-1] ** 2, axis=0)
+        -0.5 * scalar.STATE_WEIGHT * scalar.SCALAR_DT * np.sum(mu[:-1] ** 2, axis=0)
         - 0.5 * optimum.value * mu[-1] ** 2
     )
     w /= w.mean()

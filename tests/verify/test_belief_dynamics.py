@@ -115,16 +115,16 @@ def test_the_kalman_bucy_path_is_an_integrators(quick_x64):
     dy = np.random.default_rng(0).normal(size=(CONTROL_PIECES, 2)) * 0.2
     errors = []
     for finer in (8, 16):
-        problem = linear.linear_problem(linear.A, 2.0, CONTROL_PIECES * finer)
+        problem = linear.linear_problem(linear.LINE_A, 2.0, CONTROL_PIECES * finer)
         moments = linear.kalman_bucy_moments(problem, np.repeat(dy, finer, axis=0) / finer)
         errors.append(np.abs(moments.mean[-1] - integrated(dy, 2.0 / CONTROL_PIECES)).max())
     assert np.log2(errors[0] / errors[1]) == pytest.approx(2, abs=0.1)
 
 
 def integrated(dy: np.ndarray, dt: float) -> np.ndarray:
-    A = linear.A
-    B = linear.B
-    C = linear.C
+    A = linear.LINE_A
+    B = linear.LINE_B
+    C = linear.LINE_C
     R_o = linear.SIGMA_O**2
     state = np.array([PRIOR_MEAN, PRIOR_MEAN, PRIOR_STD**2])
     for u, increment in zip(cosine_controls(CONTROL_PIECES), dy, strict=True):
@@ -141,7 +141,7 @@ def integrated(dy: np.ndarray, dt: float) -> np.ndarray:
 
 
 CURVED = np.array(curved.CURVATURES)[:, None, None]
-SHAPE = (len(CURVED), curved.PATHS, curved.STEPS + 1)
+SHAPE = (len(CURVED), curved.CURVED_PATHS, curved.CURVED_STEPS + 1)
 
 
 def made_up(error: Callable[[np.ndarray], np.ndarray]) -> list[Check]:
@@ -199,13 +199,13 @@ def test_from_where_the_extended_kalman_filter_is_worse():
 
 
 def test_the_extended_kalman_filter_is_the_plain_one_on_a_curved_measurement(x64):
-    problem, y = curved.curved_problem(0.8), 0.5 + np.sin(np.arange(curved.STEPS))[:, None]
+    problem, y = curved.curved_problem(0.8), 0.5 + np.sin(np.arange(curved.CURVED_STEPS))[:, None]
     mean, variance = quick_jit(
         lambda y: filter_moments(problem, mb.EKF(), y, jnp.zeros(2, jnp.uint32))
     )(jnp.asarray(y))
     at, cov, dt = np.array([PRIOR_MEAN]), np.array([[PRIOR_STD**2]]), problem.dt
     noise = np.array([[0.3**2 / dt]])
-    for k, u in enumerate(cosine_controls(curved.STEPS)):
+    for k, u in enumerate(cosine_controls(curved.CURVED_STEPS)):
         at, cov = reference.kalman_step(
             at,
             cov,

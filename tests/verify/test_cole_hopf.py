@@ -129,5 +129,5 @@ def test_costs_do_not_depend_on_the_block_they_are_computed_in(setting, monkeypa
     with float64():
         mu = np.linspace(-3, 3, 10)
         whole = terms.running(mu)
-        monkeypatch.setattr("mppi_belief.verify.scenarios.matched_scalar.BLOCK", 4)
+        monkeypatch.setattr("mppi_belief.verify.scenarios.matched_scalar.COST_BLOCK", 4)
         np.testing.assert_allclose(terms.running(mu), whole, rtol=1e-14)

@@ -41,7 +41,7 @@ def certificate() -> Iterator[Certificate]:
 @pytest.fixture(scope="module")
 def setting() -> Iterator[tuple[MatchedProblem, SteadySchedule, ScalarEquation]]:
     with float64():
-        matched = matched_problem(steps=law.STEPS[0])
+        matched = matched_problem(steps=law.EXPECTATION_STEPS[0])
         along = steady_schedule(matched.problem, matched.cov)
         yield matched, along, scalar_equation(matched, along)
 
@@ -63,11 +63,14 @@ def test_another_control_map_shows_in_the_limit(setting, factor, holds):
     matched, _, terms = setting
     with float64():
         expected = np.stack(
-            [samples.exact_control(matched, terms, H, samples.MEANS) for H in law.STEPS]
+            [
+                samples.exact_control(matched, terms, H, samples.CONTROL_MEANS)
+                for H in law.EXPECTATION_STEPS
+            ]
         )
         assert (
             law.short_step_check(
-                factor * expected, *samples.optimal_control(matched, terms, samples.MEANS)
+                factor * expected, *samples.optimal_control(matched, terms, samples.CONTROL_MEANS)
             ).holds
             == holds
         )
@@ -88,7 +91,7 @@ def test_another_temperature_shows_in_the_samples(setting):
             sampled = samples.sample_controls(
                 matched._replace(temperature=factor * 0.6), terms, jax.random.key(KEY)
             )
-            assert largest_z("", sampled.z, samples.KEYS - 1).holds == holds
+            assert largest_z("", sampled.z, samples.CONTROL_KEYS - 1).holds == holds
 
 
 def test_bias_and_variance_of_the_estimate_are_those_of_samples(rng):
@@ -154,7 +157,7 @@ def test_the_double_integrators_exact_control_is_lqg_of_the_same_steps(double_in
                 problem, mb.Belief(state, jnp.asarray(cov)), plan, jax.random.key(0)
             )[0][0]
 
-        for state in integrator.STATES:
+        for state in integrator.INTEGRATOR_STATES:
             u = integrator.expected_control(problem, along, temperature, state, problem.steps)
             assert float(act(problem, state)) == pytest.approx(u, abs=1e-11)
 
@@ -163,7 +166,7 @@ def test_the_increment_is_that_of_the_tilted_gaussian_by_quadrature(double_integ
     """One step: eps_0 alone, on a fine grid."""
     problem, _, temperature, along = double_integrator
     L, start, cost = np.asarray(along.factors[0, :, 0]), np.array([1.5, -0.5]), problem.cost
-    F = np.eye(2) + np.array([[0.0, 1.0], [0.0, 0.0]]) * integrator.DURATION
+    F = np.eye(2) + np.array([[0.0, 1.0], [0.0, 0.0]]) * integrator.INTEGRATOR_DURATION
     eps = np.linspace(-9, 9, 2001)
     away = (F @ start - np.asarray(cost.goal))[:, None] + L[:, None] * eps
     weights = np.exp(-(eps**2) / 2 - np.asarray(cost.terminal_weight) @ away**2 / (2 * temperature))
@@ -184,7 +187,7 @@ def test_the_schedule_is_in_transit(flight):
     """D_k, Sigma_k and the cost of one mean change with k; the weights are neither even nor those of a few paths."""
     problem, run = flight
     with float64():
-        for i, start in enumerate(by_hand.STARTS):
+        for i, start in enumerate(by_hand.HAND_STARTS):
             covs, diffusions = by_hand.riccati_by_hand(problem, start)
             assert np.linalg.norm(diffusions[-1] - diffusions[0]) > np.linalg.norm(diffusions[0])
             # but for the trace of (4), which is the same for all paths
@@ -193,12 +196,12 @@ def test_the_schedule_is_in_transit(flight):
             assert np.ptp(q) > 0.1
             costs = by_hand.hand_run(problem, start, run.factors[i], run.eps[i]).costs
             w = np.exp(-costs) / np.exp(-costs).sum()
-            assert 5 < 1 / np.sum(w**2) < 0.75 * by_hand.SAMPLES
+            assert 5 < 1 / np.sum(w**2) < 0.75 * by_hand.HAND_SAMPLES
 
 
 def test_factors_of_another_diffusion_show(flight):
     problem, run = flight
-    start = by_hand.STARTS[0]
+    start = by_hand.HAND_STARTS[0]
     factors = run.factors[0]
     eps = run.eps[0]
     with float64():
@@ -242,11 +245,11 @@ def test_any_other_algorithm_shows_line_by_line(monkeypatch, x64, mutation):
 
 
 def test_the_grids_expectations_are_those_of_the_closed_forms(x64):
-    problem, cov = by_hand.moving_problem(), by_hand.COV
+    problem, cov = by_hand.moving_problem(), by_hand.HAND_COV
     exact = [
-        risk_sensitive(problem, jnp.asarray(m), jnp.asarray(cov), by_hand.THETA)
-        for m in by_hand.STARTS
+        risk_sensitive(problem, jnp.asarray(m), jnp.asarray(cov), by_hand.HAND_THETA)
+        for m in by_hand.HAND_STARTS
     ]
     np.testing.assert_allclose(
-        by_hand.risk_by_hand(problem, by_hand.STARTS.T, cov), exact, rtol=1e-12
+        by_hand.risk_by_hand(problem, by_hand.HAND_STARTS.T, cov), exact, rtol=1e-12
     )

@@ -49,14 +49,14 @@ def test_the_closed_value_is_the_limit_of_the_control_riccati_recursion(four):
     P, constant = systems.hamiltonian_value(four.problem)
     cost = four.problem.cost
     steps = 20000
-    dt = systems.DURATION / steps
+    dt = systems.SENSING_DURATION / steps
     A = np.asarray(four.problem.system.A)
     authority = systems.control_authority(four.problem)
     q = np.diag(cost.running_weight)
     value = np.diag(cost.terminal_weight)
     total = 0.0
     for _ in range(steps):
-        total += 0.5 * systems.TEMPERATURE * dt * np.trace(value @ authority)
+        total += 0.5 * systems.SENSING_TEMPERATURE * dt * np.trace(value @ authority)
         value = value + dt * (q + A.T @ value + value @ A - value @ authority @ value)
     np.testing.assert_allclose(P, value, rtol=1e-3, atol=1e-3)
     np.testing.assert_allclose(constant, total, rtol=1e-3)
@@ -74,15 +74,19 @@ def test_the_predicted_excess_is_that_of_the_estimator_itself():
     _, optimum = platform.platform()
     rng, N, draws = np.random.default_rng(0), 200, 4000
     R, F, B = platform.CONTROL_WEIGHT * np.eye(2), optimum.F, optimum.B
-    mean = np.array(platform.START)
-    root = np.linalg.cholesky(platform.TEMPERATURE * np.linalg.inv(R) / platform.DT)
-    deltas = rng.normal(size=(draws, N, platform.HORIZON, 2)) @ root.T
+    mean = np.array(platform.PLATFORM_START)
+    root = np.linalg.cholesky(
+        platform.PLATFORM_TEMPERATURE * np.linalg.inv(R) / platform.PLATFORM_DT
+    )
+    deltas = rng.normal(size=(draws, N, platform.PLATFORM_HORIZON, 2)) @ root.T
     mu, costs = np.broadcast_to(mean, (draws, N, 4)), 0.0
-    for k in range(platform.HORIZON):
-        costs = costs + 0.5 * platform.DT * np.sum(np.array(platform.WEIGHTS) * mu**2, axis=-1)
+    for k in range(platform.PLATFORM_HORIZON):
+        costs = costs + 0.5 * platform.PLATFORM_DT * np.sum(
+            np.array(platform.PLATFORM_WEIGHTS) * mu**2, axis=-1
+        )
         mu = mu @ F.T + deltas[:, :, k] @ B.T
     costs = costs + 0.5 * np.einsum("sni,ij,snj->sn", mu, optimum.P, mu)
-    w = np.exp((costs.min(axis=1, keepdims=True) - costs) / platform.TEMPERATURE)
+    w = np.exp((costs.min(axis=1, keepdims=True) - costs) / platform.PLATFORM_TEMPERATURE)
     u = np.einsum("sn,sni->si", w / w.sum(axis=1, keepdims=True), deltas[:, :, 0])
     e = u + optimum.K @ mean
     forms = 0.5 * np.einsum("si,ij,sj->s", e, optimum.S, e)
@@ -96,14 +100,14 @@ def test_the_predicted_excess_is_that_of_the_estimator_itself():
 def first_step(optimum: platform.PlatformOptimum) -> platform.PlatformExcess:
     """The prediction for a trial of one step."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(platform, "STEPS", 1)
+        patch.setattr(platform, "PLATFORM_STEPS", 1)
         return platform.platform_excess(optimum)
 
 
 def runs(excess: np.ndarray, off: float = 0.0) -> list[sl.SteeredLoops]:
-    """Loops of `sl.TRIALS` trials with these mean forms, one array for each N, costs `off` from what they should be."""
+    """Loops of `sl.STEERED_TRIALS` trials with these mean forms, one array for each N, costs `off` from what they should be."""
     rng, (_, optimum) = np.random.default_rng(0), platform.platform()
-    draws = rng.gamma(4, 0.25, size=(2, sl.TRIALS))
+    draws = rng.gamma(4, 0.25, size=(2, sl.STEERED_TRIALS))
     forms = np.asarray(excess)[:, None] * draws / draws.mean(axis=1, keepdims=True)
     noise = rng.normal(size=forms.shape)
     noise -= noise.mean(axis=1, keepdims=True) - off
@@ -116,7 +120,7 @@ def runs(excess: np.ndarray, off: float = 0.0) -> list[sl.SteeredLoops]:
 def test_loops_that_cost_otherwise_are_seen():
     _, optimum = platform.platform()
     expected, best = platform.platform_excess(optimum), platform.platform_optimal_cost(optimum)
-    right, N = expected.per_sample / np.array(sl.SAMPLES), np.array(sl.SAMPLES)
+    right, N = expected.per_sample / np.array(sl.STEERED_SAMPLES), np.array(sl.STEERED_SAMPLES)
 
     def verdicts(excess: np.ndarray, limited: np.ndarray, off: float = 0.0) -> list[bool]:
         held = [run.form for run in runs(limited)]
@@ -131,7 +135,7 @@ def test_loops_that_cost_otherwise_are_seen():
 
 
 def test_a_closed_loop_costs_what_is_predicted_and_not_with_a_limited_sensor(x64, monkeypatch):
-    monkeypatch.setattr(sl, "TRIALS", 100)
+    monkeypatch.setattr(sl, "STEERED_TRIALS", 100)
     problem, optimum = platform.platform()
     free, limited = sl.steered_closed_loops(optimum, problem, 64, 0, [sl.UNLIMITED, sl.LIMIT])
     expected, bound = platform.platform_excess(optimum), quantile(1, 99)

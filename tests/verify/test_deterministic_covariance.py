@@ -36,18 +36,20 @@ def test_it_holds(certificate):
 def test_the_reference_is_the_riccati_equations(x64):
     integrated = model.integrated_reference()
     cov = np.diag(np.square([0.5, 0.4, 0.3]))
-    exact = reference.riccati_flow(cov, model.A, model.Q, model.C, model.R_O, model.DURATION)
+    exact = reference.riccati_flow(
+        cov, model.WIND_A, model.WIND_Q, model.WIND_C, model.WIND_R_O, model.WIND_DURATION
+    )
     assert np.linalg.norm(integrated.cov - exact) < integrated.error
     np.testing.assert_allclose(
-        integrated.gain, exact @ model.C.T @ np.linalg.inv(model.R_O), atol=1e-9
+        integrated.gain, exact @ model.WIND_C.T @ np.linalg.inv(model.WIND_R_O), atol=1e-9
     )
     np.testing.assert_allclose(
-        integrated.diffusion, integrated.gain @ model.R_O @ integrated.gain.T, atol=1e-12
+        integrated.diffusion, integrated.gain @ model.WIND_R_O @ integrated.gain.T, atol=1e-12
     )
 
 
 def test_another_process_noise_than_the_filters_is_seen(monkeypatch, quick_x64):
-    monkeypatch.setattr(model, "Q", 1.01 * model.Q)
+    monkeypatch.setattr(model, "WIND_Q", 1.01 * model.WIND_Q)
     assert not any(check.holds for check in covariance.short_step_results(schedule)[0][1:])
     assert not any(check.holds for check in covariance.settled_checks(schedule))
 
@@ -66,7 +68,7 @@ def test_the_diffusion_of_the_measurement_noise_alone_is_seen(monkeypatch, quick
 
     def wrong(problem, mean, root, u):
         mean, root, K, _ = filter_step(problem, mean, root, u)
-        return mean, root, K, K @ (model.R_O / problem.dt) @ K.T / problem.dt
+        return mean, root, K, K @ (model.WIND_R_O / problem.dt) @ K.T / problem.dt
 
     filter_step = schedules.filter_step
     monkeypatch.setattr(schedules, "filter_step", wrong)
@@ -89,7 +91,7 @@ def test_a_riccati_schedule_that_is_a_step_late_is_seen(part, quick_x64):
 
 
 def test_an_ekf_that_is_not_numpys_recursion_is_seen(monkeypatch, quick_x64):
-    monkeypatch.setattr(model, "Q", (1 + 1e-9) * model.Q)
+    monkeypatch.setattr(model, "WIND_Q", (1 + 1e-9) * model.WIND_Q)
     checks = covariance.independence_checks(model.linear_wind_problem(0.1), 0)
     assert [check.holds for check in checks] == [True, False]
 

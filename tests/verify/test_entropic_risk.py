@@ -151,7 +151,7 @@ def test_beyond_its_pole_a_quadratic_has_no_finite_risk(monkeypatch, x64):
     assert law.entropic_risk(law.pole) == law.entropic_risk(2 * law.pole) == math.inf
     risks = []
     for reach in (5, 10, 20):
-        monkeypatch.setattr(cost_laws, "REACH", reach)
+        monkeypatch.setattr(cost_laws, "SUM_REACH", reach)
         summed = quadratic_plane(problem, mean, cov)
         risks.append((summed.entropic_risk(0.5 * law.pole), summed.entropic_risk(1.5 * law.pole)))
     below, above = np.array(risks).T

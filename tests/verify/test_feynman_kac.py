@@ -42,7 +42,7 @@ def setting() -> Iterator[tuple[MatchedProblem, SteadySchedule, ScalarEquation]]
 
 def agree(matched: MatchedProblem, along: SteadySchedule, terms: ScalarEquation) -> bool:
     points = samples.sample_points(matched, along, terms, jax.random.key(KEY))
-    return largest_z("", points.z, samples.BATCHES - 1).holds
+    return largest_z("", points.z, samples.PSI_BATCHES - 1).holds
 
 
 def test_the_certificate_holds(certificate):
@@ -52,7 +52,7 @@ def test_the_certificate_holds(certificate):
 
 def test_paths_of_another_diffusion_or_temperature_or_step_show(setting, monkeypatch):
     matched, along, terms = setting
-    monkeypatch.setattr(samples, "TIMES", samples.TIMES[1:2])
+    monkeypatch.setattr(samples, "PSI_TIMES", samples.PSI_TIMES[1:2])
     with float64():
         assert agree(matched, along, terms)
         assert not agree(matched, along._replace(factors=1.1 * along.factors), terms)
@@ -92,11 +92,11 @@ def test_biased_or_dependent_samples_show(setting, monkeypatch, broken):
         costs, increments = pooled(matched, along, mean, key, paths // 2)
         return np.repeat(costs, 2), np.repeat(increments, 2)
 
-    monkeypatch.setattr(samples, "SIZES", samples.SIZES[2::3])
+    monkeypatch.setattr(samples, "PSI_SIZES", samples.PSI_SIZES[2::3])
     monkeypatch.setattr(samples, "pooled_costs", spoilt)
     with float64():
         sampled_rate = samples.sample_rate(matched, along, terms, jax.random.key(KEY))
-        slope, error = fitted_rate(samples.SIZES, sampled_rate.rms, sampled_rate.relative)
+        slope, error = fitted_rate(samples.PSI_SIZES, sampled_rate.rms, sampled_rate.relative)
     assert not within_errors("", sampled_rate.squared, 1.0, sampled_rate.squared_error).holds
     # twice each sample leaves the rate as it is, a bias does not
     assert within_errors("", slope, -0.5, error).holds == (broken == "repeated")

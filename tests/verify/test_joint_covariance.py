@@ -37,7 +37,9 @@ def setting() -> Iterator[tuple[lit_line.Problem, list]]:
 
 
 def verdicts(problem: lit_line.Problem, values: list) -> list[bool]:
-    return [check.holds for check in joint.belief_checks(problem, values, joint.STARTS[1], KEY)]
+    return [
+        check.holds for check in joint.belief_checks(problem, values, joint.JOINT_STARTS[1], KEY)
+    ]
 
 
 def test_a_wrong_filter_or_temperature_shows(setting, monkeypatch):
@@ -48,7 +50,7 @@ def test_a_wrong_filter_or_temperature_shows(setting, monkeypatch):
         assert not verdicts(problem, lit_line.backward_recursion(problem))[0]
         monkeypatch.undo()
         for module in (joint, lit_line):
-            monkeypatch.setattr(module, "TEMPERATURE", 1.1 * module.TEMPERATURE)
+            monkeypatch.setattr(module, "LIT_TEMPERATURE", 1.1 * module.LIT_TEMPERATURE)
         assert not verdicts(problem, values)[1]
 
 

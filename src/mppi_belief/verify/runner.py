@@ -29,7 +29,7 @@ class CertificateOutcome(NamedTuple):
     seconds: float  # computing time
 
 
-def certify(name: str, seed: int) -> CertificateOutcome:
+def compute_certificate(name: str, seed: int) -> CertificateOutcome:
     """Computes the certificate of one module of `verify.certificates`, in double precision."""
     start = time.perf_counter()
     compute_in_calling_thread()
@@ -65,7 +65,7 @@ def _outcomes_of_pool(
     pool = ProcessPoolExecutor(min(workers, len(names)), context, initializer=initializer)
     try:
         waiting: dict[Future[CertificateOutcome], str] = {
-            pool.submit(certify, name, seed): name for name in names
+            pool.submit(compute_certificate, name, seed): name for name in names
         }
         for future in as_completed(waiting):
             died = isinstance(future.exception(), BrokenProcessPool)

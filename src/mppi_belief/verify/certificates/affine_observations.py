@@ -29,12 +29,12 @@ from ..scenarios.mean_tangent import (
 from ..scenarios.noise_information import noise_level_checks
 from ..scenarios.section_vii import light_dark_numbers
 
-MEANS = 64
+MEAN_COUNT = 64
 CURVE_POINTS = 121
 BOX = 2.0  # |mu| <= 2
 # States, measurements, and nodes per axis of the affine observations.
-SHAPES = ((3, 2, 16), (8, 3, None))
-TEXT = (
+AFFINE_SHAPES = ((3, 2, 16), (8, 3, None))
+AFFINE_TEXT = (
     "The part of the measurement's diffusion that is not tangent to the Gaussian means is computed "
     "for 64 means and a fixed covariance, by least squares on a Gauss-Hermite rule. It is zero for "
     "affine observations, including those of the light-dark system, the closed form for a cubic "
@@ -51,23 +51,25 @@ TEXT = (
 def certify(seed: int = 0) -> Certificate:
     """Returns the certificate: Theorem 1 over 64 means, and the light-dark noise level."""
     rng = np.random.default_rng(seed)
-    drawn = rng.uniform(-BOX, BOX, MEANS)
+    drawn = rng.uniform(-BOX, BOX, MEAN_COUNT)
     curve = np.linspace(-np.pi, np.pi, CURVE_POINTS)
     fits = tangent_fits(
         [lambda x: 3 * x + 1, lambda x: x**3, jnp.sin],
         np.append(drawn, curve)[:, None],
         np.full((1, 1), S**2),
     )
-    _, cubic, sine = (TangentFit(fit.part[:MEANS], fit.A[:MEANS], fit.operations) for fit in fits)
+    _, cubic, sine = (
+        TangentFit(fit.part[:MEAN_COUNT], fit.A[:MEAN_COUNT], fit.operations) for fit in fits
+    )
     checks = [
         *affine_checks(rng),
         *closed_form_checks(drawn, cubic, sine),
         *nonlinear_checks(rng, cubic, sine),
         *noise_level_checks(rng),
     ]
-    panel = _part_panel(curve, [fit.part[MEANS:] for fit in fits])
+    panel = _part_panel(curve, [fit.part[MEAN_COUNT:] for fit in fits])
     return Certificate(
-        "affine_observations", "Theorem 1, affine observations", TEXT, checks, [panel]
+        "affine_observations", "Theorem 1, affine observations", AFFINE_TEXT, checks, [panel]
     )
 
 
@@ -77,7 +79,7 @@ def affine_checks(rng: np.random.Generator) -> list[Check]:
     The largest part outside and the spread of A are in units of their rounding.
     """
     cases: list[tuple[Observation, np.ndarray, np.ndarray, int | None]] = []
-    for nx, ny, per_axis in SHAPES:
+    for nx, ny, per_axis in AFFINE_SHAPES:
         A = rng.normal(size=(ny, nx))
         b = rng.normal(size=ny)
         cases.append((partial(mean_tangent.affine_observation, A, b), A, b, per_axis))
@@ -89,7 +91,7 @@ def affine_checks(rng: np.random.Generator) -> list[Check]:
         nx = A.shape[1]
         basis, _ = np.linalg.qr(rng.normal(size=(nx, nx)))
         cov = basis * rng.uniform(0.1, 1, nx) @ basis.T
-        means = rng.uniform(-BOX, BOX, (MEANS, nx))
+        means = rng.uniform(-BOX, BOX, (MEAN_COUNT, nx))
         (fit,) = tangent_fits([c], means, cov, per_axis)
         state_size = np.sqrt(np.max(np.sum(means**2, axis=1)) + np.trace(cov))
         size = np.linalg.norm(b) + np.linalg.norm(A) * state_size
@@ -153,7 +155,7 @@ def nonlinear_checks(rng: np.random.Generator, cubic: TangentFit, sine: TangentF
 
     A(mu) must not be constant for any of the three observations.
     """
-    means = np.column_stack([rng.uniform(3, 6, MEANS), rng.uniform(-3, 3, MEANS)])
+    means = np.column_stack([rng.uniform(3, 6, MEAN_COUNT), rng.uniform(-3, 3, MEAN_COUNT)])
     cov = 0.3**2 * np.eye(2)
     coarse, fine = (
         tangent_fits([mean_tangent.distance_and_bearing], means, cov, per_axis)[0]

@@ -26,10 +26,10 @@ from ..bands import at_most, largest_z, near, quantile, rounding, within_errors
 from ..estimates import largest_magnitude, standard_error
 from ..scenarios.stationary_scalar import (
     CONTROL_GAIN,
-    DT,
-    HORIZON,
-    STEPS,
-    TEMPERATURE,
+    SCALAR_DT,
+    SCALAR_HORIZON,
+    SCALAR_STEPS,
+    SCALAR_TEMPERATURE,
     PredictedExcess,
     ScalarOptimum,
     filter_law,
@@ -69,7 +69,7 @@ def certify(seed: int = 0) -> Certificate:
     return Certificate(
         "algorithm_1",
         "Algorithm 1 end to end",
-        _text(predicted, best),
+        _excess_text(predicted, best),
         [
             *optimum_checks(problem, optimum, best, lqg),
             *excess_checks(paired, forms, predicted, best),
@@ -82,7 +82,9 @@ def receding_algorithm(samples: int) -> MPPI:
     """Returns Algorithm 1 as printed with the receding horizon of this problem."""
     path_cost = RiskSensitive(at_step_end=False)
     schedule = SharedCovariance(method="riccati")
-    return MPPI(samples, HORIZON, TEMPERATURE, path_cost, InnovationSampler(), schedule)
+    return MPPI(
+        samples, SCALAR_HORIZON, SCALAR_TEMPERATURE, path_cost, InnovationSampler(), schedule
+    )
 
 
 def closed_loops(problem: Problem, controller: Controller, seed: int, trials: int) -> ScalarLoops:
@@ -111,9 +113,9 @@ def optimum_checks(
     problem: Problem, optimum: ScalarOptimum, best: float, lqg: ScalarLoops
 ) -> list[Check]:
     """Returns checks that LQG and the exact expectation of (19) for a matched D are optimal."""
-    D = TEMPERATURE * CONTROL_GAIN**2 / float(problem.cost.R[0, 0])
-    matched = weighted_paths(np.full((1, HORIZON), D), optimum.value, TEMPERATURE)
-    gain = matched.pull[0] / (CONTROL_GAIN * DT)
+    D = SCALAR_TEMPERATURE * CONTROL_GAIN**2 / float(problem.cost.R[0, 0])
+    matched = weighted_paths(np.full((1, SCALAR_HORIZON), D), optimum.value, SCALAR_TEMPERATURE)
+    gain = matched.pull[0] / (CONTROL_GAIN * SCALAR_DT)
     control_gap = largest_magnitude(lqg.control + optimum.gain * lqg.mean)
     trials = len(lqg.cost)
     return [
@@ -121,12 +123,12 @@ def optimum_checks(
             "algebra of (19), nothing sampled: its K at D = λb²/R by NumPy, "
             "less SciPy's Riccati gain",
             gain - optimum.gain,
-            10 * HORIZON,
+            10 * SCALAR_HORIZON,
         ),
         rounding(
             "largest |u + K μ| of LQG, K stationary",
             control_gap,
-            20 * STEPS,
+            20 * SCALAR_STEPS,
             largest_magnitude(lqg.mean),
         ),
         within_errors(
@@ -210,7 +212,7 @@ def _floor_check(forms: np.ndarray, predicted: PredictedExcess) -> Check:
     )
 
 
-def _text(predicted: PredictedExcess, best: float) -> str:
+def _excess_text(predicted: PredictedExcess, best: float) -> str:
     return (
         "Algorithm 1 as printed was run in closed loop on a scalar system that is matched at the "
         "steady state of (8b), against LQG with the same noise. Its excess cost equals the "
@@ -256,7 +258,7 @@ def excess_points(label: str, excess: np.ndarray, best: float) -> Line:
 
 
 def _loop_panel(loops: Sequence[ScalarLoops], lqg: ScalarLoops) -> Panel:
-    times = list(DT * np.arange(STEPS))
+    times = list(SCALAR_DT * np.arange(SCALAR_STEPS))
     lines = [
         Line(f"Algorithm 1, N = {SAMPLES[i]}", times, list(loops[i].mean[0])) for i in (0, 2, -1)
     ]

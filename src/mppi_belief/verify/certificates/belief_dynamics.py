@@ -14,9 +14,9 @@ from ...results.certificate import Certificate, Line, Panel
 from ..scenarios.belief_channels import channel_check, step_order_checks
 from ..scenarios.curved_measurement import (
     CURVATURES,
+    CURVED_STEPS,
     PARTICLE_CURVATURES,
     PARTICLES,
-    STEPS,
     CurvedResults,
     curved_results,
     ekf_checks,
@@ -29,7 +29,7 @@ from ..solvers.kushner import Moments
 def certify(seed: int = 0) -> Certificate:
     """Returns the certificate; `seed` draws the paths and the particles."""
     results = curved_results(seed)
-    panels = [_error_panel(results), _path_panel(results)]
+    panels = [_filter_error_panel(results), _path_panel(results)]
     checks = [
         *space_order_checks(),
         *time_order_checks(seed),
@@ -38,11 +38,11 @@ def certify(seed: int = 0) -> Certificate:
         particle_check(results),
         *ekf_checks(results.ekf, results.exact, results.grid_error),
     ]
-    text = _text(least_curvature_where_ekf_is_worse(panels[0]))
+    text = _dynamics_text(least_curvature_where_ekf_is_worse(panels[0]))
     return Certificate("belief_dynamics", "Eqs. (5)(6), belief dynamics", text, checks, panels)
 
 
-def _text(worse_from: float) -> str:
+def _dynamics_text(worse_from: float) -> str:
     compared = ", ".join(f"{CURVATURES[i]:g}" for i in PARTICLE_CURVATURES)
     return (
         "The Kushner-Stratonovich equation is solved on a grid by splitting, for one state. Where "
@@ -72,7 +72,7 @@ def least_curvature_where_ekf_is_worse(panel: Panel) -> float:
     return min((kappa for kappa in particles.x if kappa > last_better), default=float("inf"))
 
 
-def _error_panel(results: CurvedResults) -> Panel:
+def _filter_error_panel(results: CurvedResults) -> Panel:
     """Returns RMS errors over time and paths, in posterior standard deviations, over kappa."""
     everything = list(range(len(CURVATURES)))
     lines = [
@@ -105,7 +105,7 @@ def _error_lines(
 
 def _path_panel(results: CurvedResults) -> Panel:
     """Returns one path at the largest kappa."""
-    time = np.linspace(0, 1, STEPS + 1).tolist()
+    time = np.linspace(0, 1, CURVED_STEPS + 1).tolist()
     mean = results.exact.mean[-1, 0]
     std = np.sqrt(results.exact.variance[-1, 0])
     lines = [

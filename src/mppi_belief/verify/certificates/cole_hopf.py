@@ -32,7 +32,7 @@ from ..solvers.scalar_equations import ScalarEquation, far_field, first_differen
 
 KAPPAS = (0.5, 0.8, 1.25, 2.0)  # factors by which D is off the matched one
 DRAWN_KAPPAS = np.linspace(0.5, 2, 31)  # of the curve of the prediction
-TEXT = (
+COLE_HOPF_TEXT = (
     "A dimensionless scalar problem with two obstacles and a risk-sensitive cost, at the filter's "
     "steady state, where (15) holds exactly. The linear equation (16) is solved by Crank and "
     "Nicolson, the Bellman equation (13) by the method of lines with fourth-order differences and "
@@ -70,11 +70,11 @@ def certify(seed: int = 0) -> Certificate:
         *_unmatched_checks(unmatched),
     ]
     panels = [
-        _value_panel(equation, solutions[0]),
+        _cost_to_go_panel(equation, solutions[0]),
         _residual_panel(solutions, residuals),
         _unmatched_panel(equation, residuals[-1], unmatched),
     ]
-    return Certificate("cole_hopf", "Theorem 4, Cole-Hopf", TEXT, checks, panels)
+    return Certificate("cole_hopf", "Theorem 4, Cole-Hopf", COLE_HOPF_TEXT, checks, panels)
 
 
 def schedule_check(matched: MatchedProblem, schedule: SteadySchedule) -> Check:
@@ -178,7 +178,7 @@ def _unmatched_checks(unmatched: UnmatchedResiduals) -> list[Check]:
     ]
 
 
-def _value_panel(equation: ScalarEquation, solution: TwoSolutions) -> Panel:
+def _cost_to_go_panel(equation: ScalarEquation, solution: TwoSolutions) -> Panel:
     mu = solution.inner.tolist()
     return Panel(
         "Cost-to-go at t = 0",

@@ -12,12 +12,12 @@ from ...results.certificate import Certificate, Check, Line, Panel
 from ..bands import largest_z, order, quantile, rounding, within_errors
 from ..estimates import RepeatedControls, fitted_rate, largest_magnitude, limit_check, rms
 from ..scenarios.control_samples import (
-    BATCHES,
-    GRIDS,
-    KEYS,
-    MEANS,
-    RATE_MEAN,
-    SIZES,
+    CONTROL_BATCHES,
+    CONTROL_GRIDS,
+    CONTROL_KEYS,
+    CONTROL_MEANS,
+    CONTROL_RATE_MEAN,
+    CONTROL_SIZES,
     ControlRate,
     exact_control,
     lqg_controls,
@@ -34,11 +34,11 @@ from ..scenarios.matched_scalar import (
     scalar_equation,
     steady_schedule,
 )
-from ..solvers.discrete_expectation import NODES
+from ..solvers.discrete_expectation import HERMITE_NODES
 from ..solvers.scalar_equations import ScalarEquation
 
-STEPS = (10, 20, 40, 80)  # of the exact expectation; the first is sampled
-TEXT = (
+EXPECTATION_STEPS = (10, 20, 40, 80)  # of the exact expectation; the first is sampled
+CONTROL_LAW_TEXT = (
     "The exact expectation of (19) for a finite Δt, by a backward recursion, tends to the Bellman "
     "equation's control for a dimensionless scalar problem with obstacles, and to the Riccati "
     "equation's for a double integrator whose D has rank one. Both problems are at the filter's "
@@ -52,14 +52,16 @@ TEXT = (
 
 def certify(seed: int = 0) -> Certificate:
     """Returns the certificate: three problems, and the algorithm line by line."""
-    matched = matched_problem(steps=STEPS[0])
+    matched = matched_problem(steps=EXPECTATION_STEPS[0])
     schedule = steady_schedule(matched.problem, matched.cov)
     equation = scalar_equation(matched, schedule)
     samples_key, rate_key, by_hand_key = jax.random.split(jax.random.key(seed), 3)
 
     # Without sampling: the expectation of (19) for shorter and shorter steps.
-    optimum, optimum_error = optimal_control(matched, equation, MEANS)
-    expected = np.stack([exact_control(matched, equation, steps, MEANS) for steps in STEPS])
+    optimum, optimum_error = optimal_control(matched, equation, CONTROL_MEANS)
+    expected = np.stack(
+        [exact_control(matched, equation, steps, CONTROL_MEANS) for steps in EXPECTATION_STEPS]
+    )
     distances = [rms(u - optimum) for u in expected]
 
     # With sampling.
@@ -80,10 +82,10 @@ def certify(seed: int = 0) -> Certificate:
     ]
     panels = [
         _control_panel(matched, equation, sampled),
-        _step_panel([equation.duration / steps for steps in STEPS], distances),
+        _step_panel([equation.duration / steps for steps in EXPECTATION_STEPS], distances),
         _samples_panel(rate),
     ]
-    return Certificate("control_law", "Theorem 6, control law", TEXT, checks, panels)
+    return Certificate("control_law", "Theorem 6, control law", CONTROL_LAW_TEXT, checks, panels)
 
 
 def short_step_check(expected: np.ndarray, optimum: np.ndarray, optimum_error: np.ndarray) -> Check:
@@ -94,15 +96,17 @@ def short_step_check(expected: np.ndarray, optimum: np.ndarray, optimum_error: n
 
 def _sampling_checks(sampled: RepeatedControls, rate: ControlRate) -> list[Check]:
     """Checks the samples of (19): their mean, and how fast their error falls."""
-    resolution = quantile(len(MEANS), KEYS - 1) * rms(sampled.error) / rms(sampled.expected)
-    relative = 1 / np.sqrt(2 * BATCHES)  # of the RMS of so many Gaussian errors
-    slope, slope_error = fitted_rate(SIZES, rate.rms, np.full(len(SIZES), relative))
+    resolution = (
+        quantile(len(CONTROL_MEANS), CONTROL_KEYS - 1) * rms(sampled.error) / rms(sampled.expected)
+    )
+    relative = 1 / np.sqrt(2 * CONTROL_BATCHES)  # of the RMS of so many Gaussian errors
+    slope, slope_error = fitted_rate(CONTROL_SIZES, rate.rms, np.full(len(CONTROL_SIZES), relative))
     return [
         largest_z(
-            f"(19) by MPPI-Belief at {len(MEANS)} means (to {resolution:.1%} of u): "
+            f"(19) by MPPI-Belief at {len(CONTROL_MEANS)} means (to {resolution:.1%} of u): "
             "distance from its exact expectation",
             sampled.z,
-            KEYS - 1,
+            CONTROL_KEYS - 1,
         ),
         within_errors(
             "RMS error of (19) over N = 2⁸..2¹³: log-log slope", slope, -0.5, slope_error
@@ -111,7 +115,7 @@ def _sampling_checks(sampled: RepeatedControls, rate: ControlRate) -> list[Check
             "mean of (error of (19))² over its variance at leading order in 1/N",
             float(np.mean(rate.squared)),
             1.0,
-            2 * relative / np.sqrt(len(SIZES)),
+            2 * relative / np.sqrt(len(CONTROL_SIZES)),
         ),
     ]
 
@@ -126,7 +130,7 @@ def quadratic_cost_check(schedule: SteadySchedule) -> Check:
     G = float(matched.problem.system.G(jnp.zeros(1))[0, 0])
     R = float(matched.problem.cost.R[0, 0])
     lqg = lqg_controls(matched.problem, matched.cov)
-    gap = exact_control(matched, equation, STEPS[0], MEANS) - lqg
+    gap = exact_control(matched, equation, EXPECTATION_STEPS[0], CONTROL_MEANS) - lqg
 
     # The rounding of a node is that of log Psi, of the size it has at the ends of the grid, and it
     # moves u by as many nodes.
@@ -135,7 +139,7 @@ def quadratic_cost_check(schedule: SteadySchedule) -> Check:
     return rounding(
         "linear-quadratic: exact expectation of (19) less LQG in the same steps, largest",
         largest_magnitude(gap),
-        NODES * STEPS[0],
+        HERMITE_NODES * EXPECTATION_STEPS[0],
         largest * per_node,
     )
 
@@ -144,10 +148,10 @@ def _control_panel(
     matched: MatchedProblem, equation: ScalarEquation, sampled: RepeatedControls
 ) -> Panel:
     # Every second cell of the coarser grid.
-    means = np.arange(-45, 46) * equation.reach / (GRIDS[0][0] / 4)
-    half_width = quantile(len(MEANS), KEYS - 1) * sampled.error
+    means = np.arange(-45, 46) * equation.reach / (CONTROL_GRIDS[0][0] / 4)
+    half_width = quantile(len(CONTROL_MEANS), CONTROL_KEYS - 1) * sampled.error
     optimum, _ = optimal_control(matched, equation, means)
-    discrete = exact_control(matched, equation, STEPS[0], means)
+    discrete = exact_control(matched, equation, EXPECTATION_STEPS[0], means)
     return Panel(
         "Control at t = 0",
         "belief mean μ (dimensionless)",
@@ -156,8 +160,8 @@ def _control_panel(
             Line("-R⁻¹G'V_μ", means.tolist(), optimum.tolist()),
             Line("exact expectation of (19)", means.tolist(), discrete.tolist(), "dashed"),
             Line(
-                f"(19) by MPPI-Belief, Δt = {equation.duration / STEPS[0]:g}",
-                MEANS.tolist(),
+                f"(19) by MPPI-Belief, Δt = {equation.duration / EXPECTATION_STEPS[0]:g}",
+                CONTROL_MEANS.tolist(),
                 sampled.mean.tolist(),
                 "points",
                 (sampled.mean - half_width).tolist(),
@@ -186,12 +190,12 @@ def _samples_panel(rate: ControlRate) -> Panel:
     return Panel(
         "Error in the number of samples",
         "number of samples N",
-        f"RMS error of (19) at μ = {RATE_MEAN:g} (dimensionless)",
+        f"RMS error of (19) at μ = {CONTROL_RATE_MEAN:g} (dimensionless)",
         [
-            Line("computed", SIZES.tolist(), rate.rms.tolist(), "points"),
+            Line("computed", CONTROL_SIZES.tolist(), rate.rms.tolist(), "points"),
             Line(
                 "its standard error to leading order",
-                SIZES.tolist(),
+                CONTROL_SIZES.tolist(),
                 leading_order.tolist(),
                 "dashed",
             ),

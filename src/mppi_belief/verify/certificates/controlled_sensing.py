@@ -22,8 +22,8 @@ from ..scenarios import steered_loops
 from ..scenarios.matched_paths import sampled_costs
 from ..scenarios.matched_scalar import SteadySchedule
 from ..scenarios.sensing_systems import (
-    STEPS,
-    TEMPERATURE,
+    SENSING_STEPS,
+    SENSING_TEMPERATURE,
     SensingSchedule,
     coarser_problem,
     hamiltonian_value,
@@ -35,14 +35,14 @@ from ..scenarios.sensing_systems import (
     sensing_schedule,
 )
 
-SIZES = ((2, 2), (3, 2), (4, 2))  # states and controls
+SYSTEM_SIZES = ((2, 2), (3, 2), (4, 2))  # states and controls
 COARSENINGS = (4, 2, 1)  # steps put together, from which orders are observed
 LIMITS = np.append(np.geomspace(0.1, 30.0, 12), 1e6)  # of the sensor; the last is no limit
-KEYS = 40
-PATHS = 2000
+PSI_KEYS = 40
+PSI_PATHS = 2000
 SYSTEMS_SEED = 0  # of the systems; the certificate's seed is that of the samples
 SHOWN_TIMES = (0, 2, 8)  # indices of the covariances whose residuals are drawn
-TEXT = (
+SENSING_TEXT = (
     "The observation matrix is chosen from the covariance so that (15) holds. In random systems of "
     "2, 3 and 4 states its residual is rounding, with a measurement at every step as in continuous "
     "time, and however the sensor is rotated. The covariance is then that of a linear recursion in "
@@ -59,7 +59,7 @@ TEXT = (
 def certify(seed: int = 0) -> Certificate:
     """Returns the certificate: random systems, limited sensors, and closed loops of Algorithm 1."""
     rng = np.random.default_rng(SYSTEMS_SEED)
-    schedules = [sensing_schedule(random_sensing_problem(rng, *size)) for size in SIZES]
+    schedules = [sensing_schedule(random_sensing_problem(rng, *size)) for size in SYSTEM_SIZES]
     largest = schedules[-1]
     limit_checks, limit_panel = limited_sensor_results(largest, rng)
     loop_checks, loop_panel = steered_loops.platform_results(seed)
@@ -72,7 +72,7 @@ def certify(seed: int = 0) -> Certificate:
     return Certificate(
         "controlled_sensing",
         "Exact matching by choosing what is sensed",
-        TEXT,
+        SENSING_TEXT,
         checks,
         [limit_panel, loop_panel],
     )
@@ -83,7 +83,7 @@ def _rounding_scale(schedules: list[SensingSchedule]) -> tuple[float, float]:
 
     The rounding of a solve grows by this condition.
     """
-    operations = 4.0 * SIZES[-1][0] ** 3
+    operations = 4.0 * SYSTEM_SIZES[-1][0] ** 3
     conditions = [
         float(np.max(np.linalg.cond(np.asarray(sensing.schedule.cov)))) for sensing in schedules
     ]
@@ -108,7 +108,7 @@ def matched_schedule_checks(schedules: list[SensingSchedule]) -> list[Check]:
         rounding(
             "covariance of the filter less F Σ F' + (Q - λGR⁻¹G')Δt",
             max(gaps),
-            operations * STEPS,
+            operations * SENSING_STEPS,
             max(float(np.max(np.abs(cov))) for cov in covs),
         ),
     ]
@@ -160,10 +160,10 @@ def _limited_residuals(problem: Problem, rotation: Array, limits: Array, covs: A
 
     def limited_residual(limit: Array, cov: Array) -> Array:
         C = rotated @ matching_sensor(
-            jnp.linalg.cholesky(cov), G, problem.cost.R, TEMPERATURE, noise, 0.0, limit
+            jnp.linalg.cholesky(cov), G, problem.cost.R, SENSING_TEMPERATURE, noise, 0.0, limit
         )
         _, D = kalman_bucy_gain(cov, C, noise @ noise.T)
-        return residual(D, G, matched_weight(problem.cost.R, TEMPERATURE))
+        return residual(D, G, matched_weight(problem.cost.R, SENSING_TEMPERATURE))
 
     over_covs = jax.vmap(limited_residual, (None, 0))
     return jax.vmap(over_covs, (0, None))(limits, covs)
@@ -219,21 +219,21 @@ def _sampled_psi_check(sensing: SensingSchedule, seed: int) -> Check:
     z = []
     for j, mean in enumerate([np.full(nx, 0.3), np.linspace(-0.5, 0.5, nx)]):
         V = float(quadratic_forms(value.P, mean[None])[0]) + value.constant
-        keys = jax.random.split(jax.random.key(seed + j), KEYS)
+        keys = jax.random.split(jax.random.key(seed + j), PSI_KEYS)
         ratios = np.asarray(_relative_psi(problem, mean, schedule, V, keys))
-        z.append((ratios.mean() - 1) / (ratios.std(ddof=1) / np.sqrt(KEYS)))
-    return largest_z("4 states: sampled Ψ over the integral, less 1, at two means", z, KEYS - 1)
+        z.append((ratios.mean() - 1) / (ratios.std(ddof=1) / np.sqrt(PSI_KEYS)))
+    return largest_z("4 states: sampled Ψ over the integral, less 1, at two means", z, PSI_KEYS - 1)
 
 
 @quick_jit
 def _relative_psi(
     problem: Problem, mean: Array, schedule: SteadySchedule, V: Array, keys: Array
 ) -> Array:
-    """Returns Psi of `PATHS` paths over exp(-V / lambda), for each key (K,)."""
+    """Returns Psi of `PSI_PATHS` paths over exp(-V / lambda), for each key (K,)."""
 
     def ratio(key: Array) -> Array:
-        eps = jnp.sqrt(problem.dt) * pi.normals(key, (problem.steps, len(mean), PATHS), False)
+        eps = jnp.sqrt(problem.dt) * pi.normals(key, (problem.steps, len(mean), PSI_PATHS), False)
         costs, _ = sampled_costs(problem, 0.0, mean, schedule, eps)
-        return jnp.exp(pi.log_desirability(costs, TEMPERATURE) + V / TEMPERATURE)
+        return jnp.exp(pi.log_desirability(costs, SENSING_TEMPERATURE) + V / SENSING_TEMPERATURE)
 
     return jax.lax.map(ratio, keys)

@@ -27,11 +27,10 @@ from ...simulate import simulate_trial
 from ..bands import EPSILON, at_least, at_most, order, rounding
 from ..scenarios import linear_covariance as model
 from ..scenarios.linear_covariance import (
-    DT,
-    DURATION,
-    OPERATIONS,
-    STEPS,
-    Reals,
+    PIECE_STEPS,
+    STEP_OPERATIONS,
+    WIND_DT,
+    WIND_DURATION,
     ScheduleFunction,
     accumulated_roundings,
     differing_entries,
@@ -45,11 +44,12 @@ from ..scenarios.linear_covariance import (
     state_dependent_problem,
     steady_error_flow,
 )
+from ..solvers.kushner import Reals
 
-PIECES = (1, 2, 4, 8, 16)  # of STEPS steps over T: ever shorter steps
+PIECES = (1, 2, 4, 8, 16)  # of PIECE_STEPS steps over T: ever shorter steps
 REPEATS = 20  # control sequences, and trials
 SETTLED_PIECES = 50  # after which nothing changes
-TEXT = (
+COVARIANCE_TEXT = (
     "For a linear system with three states, the package's filter recursion is refined in time, run "
     "under random controls and in closed loops, and continued until it settles. Covariance, gain "
     "and diffusion tend to those of Proposition 2 at first order, and not one bit of them depends "
@@ -65,14 +65,14 @@ def certify(seed: int = 0) -> Certificate:
     checks = [
         *limit_checks,
         *per_step_checks(schedule),
-        *independence_checks(linear_wind_problem(DT), seed),
+        *independence_checks(linear_wind_problem(WIND_DT), seed),
         *settled_checks(schedule),
         dependence_check(seed),
     ]
     return Certificate(
         "deterministic_covariance",
         "Proposition 2, deterministic covariance",
-        TEXT,
+        COVARIANCE_TEXT,
         checks,
         [panel],
     )
@@ -82,7 +82,7 @@ def short_step_results(schedule: ScheduleFunction) -> tuple[list[Check], Panel]:
     """Returns checks and figure of Sigma, K / dt and D at T as dt goes to zero."""
     reference = integrated_reference()
     exact = {"Σ": reference.cov, "K/Δt": reference.gain, "D": reference.diffusion}
-    lengths = [DURATION / (pieces * STEPS) for pieces in PIECES]
+    lengths = [WIND_DURATION / (pieces * PIECE_STEPS) for pieces in PIECES]
 
     # The discrete filter and the exact Riccati step, for ever shorter steps.
     values: dict[str, list[Reals]] = {name: [] for name in exact}
@@ -99,8 +99,8 @@ def short_step_results(schedule: ScheduleFunction) -> tuple[list[Check], Panel]:
         name: [frobenius_distance(value, exact[name]) for value in values[name]] for name in exact
     }
 
-    steps = PIECES[-1] * STEPS
-    roundings = steps * reference.condition * OPERATIONS * EPSILON
+    steps = PIECES[-1] * PIECE_STEPS
+    roundings = steps * reference.condition * STEP_OPERATIONS * EPSILON
     rounded = roundings * spectral_norm(reference.cov)
     checks = [
         order("order in Δt of the discrete filter's Σ at T against (8b)", 1, errors["Σ"]),
@@ -136,7 +136,7 @@ def _extrapolation_check(values: dict[str, list[Reals]], exact: dict[str, Reals]
 
 
 def schedules_under(problem: Problem, controls: Array) -> GainSchedule:
-    """Returns the filter's schedules for controls (N, STEPS, nu), compiled as one program."""
+    """Returns the filter's schedules for controls (N, PIECE_STEPS, nu), compiled as one program."""
     start = prior(problem)
     each = jax.jit(lambda all_u: jax.lax.map(lambda u: gain_schedule(problem, start, u), all_u))
     return each(controls)
@@ -145,7 +145,7 @@ def schedules_under(problem: Problem, controls: Array) -> GainSchedule:
 def independence_checks(problem: Problem, seed: int) -> list[Check]:
     """Returns checks that neither controls nor measurements matter for the linear system."""
     rng = np.random.default_rng(seed)
-    planned = schedules_under(problem, jnp.asarray(rng.normal(size=(REPEATS, STEPS, 1)) * 5))
+    planned = schedules_under(problem, jnp.asarray(rng.normal(size=(REPEATS, PIECE_STEPS, 1)) * 5))
     run = partial(simulate_trial, problem, EKF(), LQG(0, at_step_end=False), seed)
     trials = jax.jit(lambda numbers: jax.lax.map(run, numbers))(jnp.arange(REPEATS))
     covs = np.asarray(trials.beliefs.cov)
@@ -153,7 +153,7 @@ def independence_checks(problem: Problem, seed: int) -> list[Check]:
         differing_entries(np.asarray(part))
         for part in (planned.cov, planned.gain, planned.diffusion, covs)
     )
-    by_numpy = kalman_recursion(covs[0, 0], STEPS)
+    by_numpy = kalman_recursion(covs[0, 0], PIECE_STEPS)
     return [
         at_most(
             f"entries that differ in a bit: Σ, K, D over {REPEATS} control sequences, "
@@ -177,21 +177,22 @@ def per_step_checks(schedule: ScheduleFunction) -> list[Check]:
     The belief is on the way from the prior. (9) of the discrete filter is what a measurement
     subtracts from the covariance; (8a)(9) of the Riccati schedule are those at t_k.
     """
-    A = model.A
-    C = model.C
-    Q = model.Q
-    R_O = model.R_O
+    A = model.WIND_A
+    C = model.WIND_C
+    Q = model.WIND_Q
+    R_O = model.WIND_R_O
     filtered, flowed = (
-        last_piece(schedule, linear_wind_problem(DT), 1, method) for method in ("filter", "riccati")
+        last_piece(schedule, linear_wind_problem(WIND_DT), 1, method)
+        for method in ("filter", "riccati")
     )
 
     # The discrete filter.
-    F = np.eye(len(A)) + A * DT
+    F = np.eye(len(A)) + A * WIND_DT
     before = np.asarray(filtered.cov)[:-1]
     after = np.asarray(filtered.cov)[1:]
-    predicted = F @ before @ F.T + Q * DT
-    S = C @ predicted @ C.T + R_O / DT
-    diffusion = np.asarray(filtered.diffusion) * DT
+    predicted = F @ before @ F.T + Q * WIND_DT
+    S = C @ predicted @ C.T + R_O / WIND_DT
+    diffusion = np.asarray(filtered.diffusion) * WIND_DT
     diffusion_error = largest_relative_error(diffusion, predicted - after, predicted)
     gain_error = largest_relative_error(np.asarray(filtered.gain) @ S, predicted @ C.T, predicted)
 
@@ -207,12 +208,12 @@ def per_step_checks(schedule: ScheduleFunction) -> list[Check]:
         rounding(
             "filter's schedule: K S = Σ⁻C', D Δt = what a measurement takes off Σ⁻; relative",
             max(diffusion_error, gain_error),
-            np.ceil(OPERATIONS * np.max(np.linalg.cond(S))),
+            np.ceil(STEP_OPERATIONS * np.max(np.linalg.cond(S))),
         ),
         rounding(
             "Riccati schedule: K, D against ΣC'R_o⁻¹, ΣC'R_o⁻¹CΣ at the same t_k, relative",
             riccati_error,
-            np.ceil(OPERATIONS * np.linalg.cond(R_O)),
+            np.ceil(STEP_OPERATIONS * np.linalg.cond(R_O)),
         ),
     ]
 
@@ -223,8 +224,8 @@ def dependence_check(seed: int) -> Check:
     The spread must exceed what rounding can explain.
     """
     rng = np.random.default_rng(seed)
-    controls = np.repeat(rng.normal(size=(REPEATS, 1, 2)) * 3, STEPS, axis=1)
-    schedules = schedules_under(state_dependent_problem(DT), jnp.asarray(controls))
+    controls = np.repeat(rng.normal(size=(REPEATS, 1, 2)) * 3, PIECE_STEPS, axis=1)
+    schedules = schedules_under(state_dependent_problem(WIND_DT), jnp.asarray(controls))
     covs = np.asarray(schedules.cov)
     traces = np.trace(covs[:, -1], axis1=-2, axis2=-1)
     roundings = [
@@ -245,21 +246,21 @@ def settled_checks(schedule: ScheduleFunction) -> list[Check]:
     A step changes an error E into Phi E Phi' and adds its rounding, so that the error that persists
     is the rounding over the least singular value of 1 - Phi x Phi.
     """
-    A = model.A
-    C = model.C
-    Q = model.Q
-    R_O = model.R_O
-    problem = linear_wind_problem(DT)
+    A = model.WIND_A
+    C = model.WIND_C
+    Q = model.WIND_Q
+    R_O = model.WIND_R_O
+    problem = linear_wind_problem(WIND_DT)
     continuous = solve_continuous_are(A.T, C.T, Q, R_O)
     flowed = last_piece(schedule, problem, SETTLED_PIECES, "riccati").cov[-1]
 
     # The discrete filter, before a measurement.
-    F = np.eye(3) + A * DT
-    discrete = solve_discrete_are(F.T, C.T, Q * DT, R_O / DT)
+    F = np.eye(3) + A * WIND_DT
+    discrete = solve_discrete_are(F.T, C.T, Q * WIND_DT, R_O / WIND_DT)
     filtered = last_piece(schedule, problem, SETTLED_PIECES, "filter")
     belief = Belief(filtered.mean[-1], filtered.cov[-1])
     predicted = predict(problem, belief, jnp.zeros(1)).cov
-    K = discrete @ C.T @ np.linalg.inv(C @ discrete @ C.T + R_O / DT)
+    K = discrete @ C.T @ np.linalg.inv(C @ discrete @ C.T + R_O / WIND_DT)
     return [
         _steady_check(
             "Riccati step, settled, against the continuous algebraic equation",
@@ -278,5 +279,5 @@ def settled_checks(schedule: ScheduleFunction) -> list[Check]:
 
 def _steady_check(computed: str, cov: Array, exact: Reals, Phi: Reals) -> Check:
     separation = np.linalg.svd(np.eye(9) - np.kron(Phi, Phi), compute_uv=False)[-1]
-    operations = np.ceil(2 * OPERATIONS / separation)
+    operations = np.ceil(2 * STEP_OPERATIONS / separation)
     return rounding(computed, frobenius_distance(cov, exact), operations, spectral_norm(exact))

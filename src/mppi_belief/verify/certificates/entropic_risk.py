@@ -16,9 +16,9 @@ from ...results.certificate import Certificate, Check, Line, Panel
 from ..bands import EPSILON, at_least, at_most, near, order
 from ..scenarios.cost_laws import PlaneLaw, plane_law
 from ..scenarios.risk_expansions import (
-    DISTANCE,
+    BELIEF_DISTANCE,
+    BELIEF_STD,
     FINE_STEP,
-    SPREAD,
     RiskExpansion,
     belief_beside_obstacle,
     belief_position,
@@ -55,7 +55,7 @@ def certify(seed: int = 0) -> Certificate:
         _error_panel([quadratic, *bumps]),
     ]
     return Certificate(
-        "entropic_risk", "Remark 4, risk-sensitive cost", _text(penalty, law), checks, panels
+        "entropic_risk", "Remark 4, risk-sensitive cost", _risk_text(penalty, law), checks, panels
     )
 
 
@@ -67,16 +67,16 @@ def penalty_expansion(law: PlaneLaw) -> RiskExpansion:
     )
 
 
-def _text(penalty: RiskExpansion, law: PlaneLaw) -> str:
+def _risk_text(penalty: RiskExpansion, law: PlaneLaw) -> str:
     w_obs = cost_numbers()["w_obs"]
     width = cost_numbers()["bump_width"]
     expected, *_ = law.cumulants()
     return (
         "The package's q_RS agrees with the entropic risk ρ to second order in θ, for quadratic "
-        "costs and Gaussian bumps. For θ = 1 of Sec. VII, our calibrated w_obs = "
-        f"{w_obs:.0f} and bump width {width} m, and a belief of our choice ({DISTANCE} m from an "
-        f"obstacle's centre, standard deviation {SPREAD} m), the penalty has E = {expected:.3g}, "
-        f"ρ = {penalty.exact[-1]:.3g} and q_RS = {penalty.expanded[-1]:.4g}, and is nowhere larger "
+        f"costs and Gaussian bumps. For θ = 1 of Sec. VII, our calibrated w_obs = {w_obs:.0f} and "
+        f"bump width {width} m, and a belief of our choice ({BELIEF_DISTANCE} m from an obstacle's "
+        f"centre, standard deviation {BELIEF_STD} m), the penalty has E = {expected:.3g}, ρ = "
+        f"{penalty.exact[-1]:.3g} and q_RS = {penalty.expanded[-1]:.4g}, and is nowhere larger "
         f"than {w_obs:.0f}: θ w_obs is far outside the range of the expansion. In our experiments, "
         "with these calibrated numbers, q_RS acts as a penalty on the variance of the cost, not as "
         "the entropic risk, which is here nearly the worst case. For quadratic costs ρ is infinite "
@@ -225,7 +225,7 @@ def risk_lower_bound(theta: float) -> float:
     """
     radii = np.geomspace(1e-3, 1, 200)
     square = np.sum((belief_position() - obstacle_centers()[0]) ** 2)
-    probability = ncx2.cdf((radii / SPREAD) ** 2, 2, square / SPREAD**2)
+    probability = ncx2.cdf((radii / BELIEF_STD) ** 2, 2, square / BELIEF_STD**2)
     numbers = cost_numbers()
     value = numbers["w_obs"] * np.exp(-(radii**2) / (2 * numbers["bump_width"] ** 2))
     return float(np.max(value + np.log(probability) / theta))

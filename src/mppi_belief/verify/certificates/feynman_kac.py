@@ -10,14 +10,14 @@ from ...results.certificate import Certificate, Check, Line, Panel
 from ..bands import largest_z, order, quantile, within_errors
 from ..estimates import fitted_rate, limit_check, rms
 from ..scenarios.desirability_samples import (
-    BATCHES,
     COARSE_STEPS,
-    GRIDS,
-    LEVELS,
-    MEANS,
-    RATE_MEAN,
-    SIZES,
-    TIMES,
+    PSI_BATCHES,
+    PSI_GRIDS,
+    PSI_LEVELS,
+    PSI_MEANS,
+    PSI_RATE_MEAN,
+    PSI_SIZES,
+    PSI_TIMES,
     DesirabilityPoints,
     DesirabilityRate,
     discrete_desirability,
@@ -35,7 +35,7 @@ from ..scenarios.matched_scalar import (
 from ..solvers.grid_solutions import solve_desirability
 from ..solvers.scalar_equations import ScalarEquation, mean_grid
 
-TEXT = (
+FEYNMAN_KAC_TEXT = (
     "The package's sampled desirability is compared with the solution of the linear equation (16), "
     "at five times and nine means of the dimensionless matched scalar problem with obstacles. The "
     "problem is at the filter's steady state: D and q are constant in time, and a schedule that "
@@ -60,17 +60,17 @@ def certify(seed: int = 0) -> Certificate:
             f"(17) at {points.z.size} points (t, μ): largest distance from (16), "
             "extrapolated over Δt",
             points.z,
-            BATCHES - 1,
+            PSI_BATCHES - 1,
         ),
         *_rate_checks(equation, rate),
     ]
     panels = [_desirability_panel(equation, points), _rate_panel(rate)]
-    return Certificate("feynman_kac", "Corollary 5, Feynman-Kac", TEXT, checks, panels)
+    return Certificate("feynman_kac", "Corollary 5, Feynman-Kac", FEYNMAN_KAC_TEXT, checks, panels)
 
 
 def order_checks(equation: ScalarEquation, points: DesirabilityPoints) -> list[Check]:
     """Returns checks of the exact discrete expectation at t = 0 against (16)."""
-    levels = [discrete_desirability(equation, steps, TIMES[:1])[0] for steps in LEVELS]
+    levels = [discrete_desirability(equation, steps, PSI_TIMES[:1])[0] for steps in PSI_LEVELS]
     errors = [rms(psi - points.exact[0]) for psi in levels]
     return [
         order(
@@ -87,7 +87,7 @@ def order_checks(equation: ScalarEquation, points: DesirabilityPoints) -> list[C
 
 def _rate_checks(equation: ScalarEquation, rate: DesirabilityRate) -> list[Check]:
     """Checks the sampled Psi at one mean against the exact discrete expectation."""
-    slope, slope_error = fitted_rate(SIZES, rate.rms, rate.relative)
+    slope, slope_error = fitted_rate(PSI_SIZES, rate.rms, rate.relative)
     exact = rate_desirability(equation)
     return [
         within_errors(
@@ -109,11 +109,11 @@ def _rate_checks(equation: ScalarEquation, rate: DesirabilityRate) -> list[Check
 
 
 def _desirability_panel(equation: ScalarEquation, points: DesirabilityPoints) -> Panel:
-    grid = mean_grid(equation, *GRIDS[0])
+    grid = mean_grid(equation, *PSI_GRIDS[0])
     inside = np.abs(grid.points) <= 2.5
     psi = solve_desirability(equation, grid)[0, inside]
     sampled = points.sampled[0]
-    half_width = quantile(points.z.size, BATCHES - 1) * points.error[0]
+    half_width = quantile(points.z.size, PSI_BATCHES - 1) * points.error[0]
     return Panel(
         "Desirability at t = 0",
         "belief mean μ (dimensionless)",
@@ -122,7 +122,7 @@ def _desirability_panel(equation: ScalarEquation, points: DesirabilityPoints) ->
             Line("linear equation (16)", grid.points[inside].tolist(), psi.tolist()),
             Line(
                 "Monte Carlo (17)",
-                MEANS.tolist(),
+                PSI_MEANS.tolist(),
                 sampled.tolist(),
                 "points",
                 (sampled - half_width).tolist(),
@@ -133,21 +133,23 @@ def _desirability_panel(equation: ScalarEquation, points: DesirabilityPoints) ->
 
 
 def _rate_panel(rate: DesirabilityRate) -> Panel:
-    standard_errors = rate.mean_error * np.sqrt(BATCHES * SIZES.sum() / SIZES)
+    standard_errors = rate.mean_error * np.sqrt(PSI_BATCHES * PSI_SIZES.sum() / PSI_SIZES)
     return Panel(
         "Error of the Monte Carlo desirability",
         "number of samples N",
-        f"RMS error of Ψ(0, {RATE_MEAN:g}) (dimensionless)",
+        f"RMS error of Ψ(0, {PSI_RATE_MEAN:g}) (dimensionless)",
         [
             Line(
                 "computed",
-                SIZES.tolist(),
+                PSI_SIZES.tolist(),
                 rate.rms.tolist(),
                 "points",
                 (rate.rms * (1 - 2 * rate.relative)).tolist(),
                 (rate.rms * (1 + 2 * rate.relative)).tolist(),
             ),
-            Line("its exact standard error", SIZES.tolist(), standard_errors.tolist(), "dashed"),
+            Line(
+                "its exact standard error", PSI_SIZES.tolist(), standard_errors.tolist(), "dashed"
+            ),
         ],
         "xy",
     )

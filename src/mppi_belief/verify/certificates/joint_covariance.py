@@ -13,7 +13,7 @@ from ...results.certificate import Certificate, Check, Line, Panel
 from ..bands import at_least, order, quantile, within_errors
 from ..estimates import rms
 from ..scenarios.lit_line import (
-    TEMPERATURE,
+    LIT_TEMPERATURE,
     LogPsi,
     backward_recursion,
     exact_step,
@@ -22,10 +22,10 @@ from ..scenarios.lit_line import (
     sample_plan,
 )
 
-LEVELS = (4, 8, 16, 32)  # steps of the recursion
-STARTS = ((-0.6, 0.7), (0.4, 0.6))  # mean and standard deviation of the sampled beliefs
+RECURSION_STEPS = (4, 8, 16, 32)  # steps of the recursion
+JOINT_STARTS = ((-0.6, 0.7), (0.4, 0.6))  # mean and standard deviation of the sampled beliefs
 DRAWN_MEANS = 91
-TEXT = (
+JOINT_TEXT = (
     "The desirability that the package samples, each path with the covariance that its own filter "
     "would have, is compared with a backward recursion over mean and variance by quadrature and "
     "splines, and so is the control. V of the recursion is inserted into the nonlinear equation in "
@@ -37,22 +37,22 @@ TEXT = (
 
 def certify(seed: int = 0) -> Certificate:
     """Returns the certificate: Psi and control at two beliefs, the equation's residual at many."""
-    levels = [backward_recursion(lit_problem(steps)) for steps in LEVELS]
+    levels = [backward_recursion(lit_problem(steps)) for steps in RECURSION_STEPS]
     residuals = [
         rms(joint_bellman_residual(lit_problem(steps), values))
-        for steps, values in zip(LEVELS, levels, strict=True)
+        for steps, values in zip(RECURSION_STEPS, levels, strict=True)
     ]
     checks = [
         order("equation in (μ, Σ): RMS residual of the recursion's V, order in Δt", 1, residuals)
     ]
-    problem = lit_problem(LEVELS[1])
-    keys = jax.random.split(jax.random.key(seed), len(STARTS))
-    for start, key in zip(STARTS, keys, strict=True):
+    problem = lit_problem(RECURSION_STEPS[1])
+    keys = jax.random.split(jax.random.key(seed), len(JOINT_STARTS))
+    for start, key in zip(JOINT_STARTS, keys, strict=True):
         checks += belief_checks(problem, levels[1], start, key)
     return Certificate(
         "joint_covariance",
         "Corollary 5 with a covariance for every path",
-        TEXT,
+        JOINT_TEXT,
         checks,
         [_value_panel(levels[-1])],
     )
@@ -70,7 +70,7 @@ def belief_checks(
     psi = np.exp(log_psi[0])
     plan = sample_plan(problem, mean, std, key)
     where = f"at μ = {mean:g}, standard deviation {std:g}"
-    value_error = quantile() * TEMPERATURE * plan.psi_error / plan.psi
+    value_error = quantile() * LIT_TEMPERATURE * plan.psi_error / plan.psi
     return [
         within_errors(
             f"(17) {where} over the recursion's", plan.psi / psi, 1.0, plan.psi_error / psi
@@ -92,7 +92,7 @@ def _value_panel(values: LogPsi) -> Panel:
     lines = []
     for std in (0.3, 0.6, 0.9):
         log_variance = np.full(DRAWN_MEANS, 2 * np.log(std))
-        V = -TEMPERATURE * values[0].ev(means, log_variance)
+        V = -LIT_TEMPERATURE * values[0].ev(means, log_variance)
         lines.append(Line(f"standard deviation {std:g}", means.tolist(), V.tolist()))
     return Panel(
         "Value of a belief, the light at 1.5",

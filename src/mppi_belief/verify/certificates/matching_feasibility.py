@@ -25,7 +25,7 @@ from ..scenarios.rank_patterns import (
 # G^+ twice: LAPACK's dbdsqr leaves off-diagonals of 50 eps and its reflections 10 n; then come
 # products of n operations.
 OPERATIONS = 2 * 50 + 25 * LARGEST
-TEXT = (
+FEASIBILITY_TEXT = (
     "random pairs of D and G: up to 5 states and 5 controls, all ranks, range(D) inside range(G), "
     "equal to it or not inside, D made from its range or from a weight. Where a weight exists, it "
     "is constructed and meets the condition to rounding times the square of G's condition number. "
@@ -47,7 +47,7 @@ def certify(seed: int = 0) -> Certificate:
     return Certificate(
         "matching_feasibility",
         "Proposition 3, matching feasibility",
-        f"{len(all_cases)} {TEXT}",
+        f"{len(all_cases)} {FEASIBILITY_TEXT}",
         [
             at_most(
                 "wrong verdicts and constructions over all patterns",

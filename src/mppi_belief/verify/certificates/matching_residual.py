@@ -50,7 +50,7 @@ def certify(seed: int = 0) -> Certificate:
     return Certificate(
         "matching_residual",
         "Assumption 2, the matching residual ε*",
-        _text(lines, resting),
+        _residual_text(lines, resting),
         checks,
         [_rest_panel(), _line_panel(lines, resting)],
     )
@@ -168,7 +168,7 @@ def _sigma_of_printed(convention: str) -> float:
     return float(brentq(gap, 1e-3, 10, xtol=1e-12))
 
 
-def _text(lines: LinesByConvention, resting: LineResiduals) -> str:
+def _residual_text(lines: LinesByConvention, resting: LineResiduals) -> str:
     readings = _readings(lines)
     matching = [name for name, value in readings.items() if round(value, 2) == PRINTED]
     values = ", ".join(f"{name} {value:.3f}" for name, value in readings.items())

@@ -16,8 +16,8 @@ from ..estimates import rms
 from ..solvers import kushner
 from ..solvers.kushner import Reals
 from .curved_measurement import curved_problem
-from .linear_filtering import A, B, C, linear_problem
-from .scalar_paths import PRIOR_MEAN, PRIOR_STD, REACH
+from .linear_filtering import LINE_A, LINE_B, LINE_C, linear_problem
+from .scalar_paths import PRIOR_MEAN, PRIOR_STD, STATE_REACH
 
 
 def channel_check(u: float = 0.7) -> Check:
@@ -25,24 +25,24 @@ def channel_check(u: float = 0.7) -> Check:
 
     (6a) moves the mean by A mu + B u, (6b) by the gain K of (8a).
     """
-    problem = linear_problem(A, 1.0, 1)
-    grid = kushner.state_grid(-REACH, REACH, 400)
+    problem = linear_problem(LINE_A, 1.0, 1)
+    grid = kushner.state_grid(-STATE_REACH, STATE_REACH, 400)
     model = kushner.coefficients(problem, grid)
     p = kushner.gaussian_density(grid, PRIOR_MEAN, PRIOR_STD**2)[:, None]
     c = model.c[:, None]
     bands = kushner.fokker_planck_bands(grid, model, u)
-    K, _ = kalman_bucy_gain(prior(problem).cov, jnp.array([[C]]), jnp.array([[model.R_o]]))
+    K, _ = kalman_bucy_gain(prior(problem).cov, jnp.array([[LINE_C]]), jnp.array([[model.R_o]]))
 
     # Each channel, the sizes of what it sums, and the motion of the mean.
     channels = (
         (
             kushner.drift_channel(bands, p),
             kushner.drift_channel(np.abs(bands), p),
-            A * PRIOR_MEAN + B * u,
+            LINE_A * PRIOR_MEAN + LINE_B * u,
         ),
         (
             kushner.diffusion_channel(grid, p, c, model.R_o),
-            p * (np.abs(c) + C * PRIOR_MEAN) / model.R_o,
+            p * (np.abs(c) + LINE_C * PRIOR_MEAN) / model.R_o,
             float(K[0, 0]),
         ),
     )
@@ -81,7 +81,7 @@ def step_order_checks(u: float = 0.8) -> list[Check]:
     drift_errors = []
     diffusion_errors = []
     for level in range(4):
-        grid = kushner.state_grid(-REACH, REACH, 100 * 2**level)
+        grid = kushner.state_grid(-STATE_REACH, STATE_REACH, 100 * 2**level)
         dt = 0.032 / 4.0**level
         model = kushner.coefficients(replace(curved_problem(0.8), dt=dt), grid)
         model = model._replace(f=-np.sin(grid.x), G=1 + 0.3 * np.cos(grid.x))

@@ -29,13 +29,13 @@ from ..solvers.scalar_equations import ScalarEquation, first_difference, mean_gr
 from .matched_paths import first_controls, pooled_costs, printed_algorithm
 from .matched_scalar import MatchedProblem, SteadySchedule
 
-MEANS = np.linspace(-2, 2, 9)
-GRIDS = ((560, 40), (1120, 80))  # cells and steps of the solutions of (16)
-KEYS = 64
-SAMPLES = 2048  # N of the sampled controls
-BATCHES = 64  # of each size
-SIZES = 2 ** np.arange(8, 14)  # N at which the rate is estimated
-RATE_MEAN = 1.0  # mu at which the rate is estimated
+CONTROL_MEANS = np.linspace(-2, 2, 9)
+CONTROL_GRIDS = ((560, 40), (1120, 80))  # cells and steps of the solutions of (16)
+CONTROL_KEYS = 64
+CONTROL_SAMPLES = 2048  # N of the sampled controls
+CONTROL_BATCHES = 64  # of each size
+CONTROL_SIZES = 2 ** np.arange(8, 14)  # N at which the rate is estimated
+CONTROL_RATE_MEAN = 1.0  # mu at which the rate is estimated
 
 
 class ControlEstimate(NamedTuple):
@@ -47,7 +47,7 @@ class ControlEstimate(NamedTuple):
 
 
 class ControlRate(NamedTuple):
-    """Holds errors of the sampled control at each N of SIZES."""
+    """Holds errors of the sampled control at each N of CONTROL_SIZES."""
 
     rms: np.ndarray  # (J,), RMS errors
     squared: np.ndarray  # (J,), squared errors over their leading variance
@@ -64,7 +64,7 @@ def optimal_control(
     G = np.asarray(matched.problem.system.G(jnp.zeros(1)))
     R = np.asarray(matched.problem.cost.R)
     gradients = []
-    for cells, steps in GRIDS:
+    for cells, steps in CONTROL_GRIDS:
         grid = mean_grid(equation, cells, steps)
         index = np.rint((means + equation.reach) / grid.h).astype(int)
         neighbours = np.stack([index - 1, index, index + 1], axis=-1)
@@ -115,14 +115,18 @@ def sample_controls(
 ) -> RepeatedControls:
     """Returns the controls of Algorithm 1 as printed at every mean."""
     planner = printed_algorithm(
-        SAMPLES, matched.problem, matched.temperature, theta=matched.theta, variance_of="total"
+        CONTROL_SAMPLES,
+        matched.problem,
+        matched.temperature,
+        theta=matched.theta,
+        variance_of="total",
     )
-    keys = jax.random.split(key, KEYS)
+    keys = jax.random.split(key, CONTROL_KEYS)
     controls = quick_jit(first_controls)(
-        planner, matched.problem, MEANS[:, None], matched.cov, keys
+        planner, matched.problem, CONTROL_MEANS[:, None], matched.cov, keys
     )
-    estimate = control_estimate(matched, equation, MEANS)
-    expected = estimate.control + estimate.bias / SAMPLES
+    estimate = control_estimate(matched, equation, CONTROL_MEANS)
+    expected = estimate.control + estimate.bias / CONTROL_SAMPLES
     return RepeatedControls(np.asarray(controls)[:, :, 0], expected)
 
 
@@ -130,25 +134,25 @@ def sample_control_rate(
     matched: MatchedProblem, schedule: SteadySchedule, equation: ScalarEquation, key: Array
 ) -> ControlRate:
     """Returns errors of independent batches of every size at one mean."""
-    paths = int(BATCHES * SIZES.sum())
-    pools = pooled_costs(matched, schedule, RATE_MEAN, key, paths)
-    estimate = control_estimate(matched, equation, np.array([RATE_MEAN]))
+    paths = int(CONTROL_BATCHES * CONTROL_SIZES.sum())
+    pools = pooled_costs(matched, schedule, CONTROL_RATE_MEAN, key, paths)
+    estimate = control_estimate(matched, equation, np.array([CONTROL_RATE_MEAN]))
     of_batches = quick_jit(
         jax.vmap(lambda S, u: pi.weighted_increments(pi.weights(S, matched.temperature), u))
     )
-    cuts = BATCHES * np.cumsum(SIZES)[:-1]
+    cuts = CONTROL_BATCHES * np.cumsum(CONTROL_SIZES)[:-1]
     costs, increments = (
-        [part.reshape(BATCHES, -1) for part in np.split(pool, cuts)] for pool in pools
+        [part.reshape(CONTROL_BATCHES, -1) for part in np.split(pool, cuts)] for pool in pools
     )
     errors = np.array(
         [of_batches(S, u) - estimate.control[0] for S, u in zip(costs, increments, strict=True)]
     )
     mean_square = np.mean(errors**2, axis=1)
-    return ControlRate(np.sqrt(mean_square), mean_square * SIZES / estimate.variance[0])
+    return ControlRate(np.sqrt(mean_square), mean_square * CONTROL_SIZES / estimate.variance[0])
 
 
 def lqg_controls(problem: Problem, cov: np.ndarray) -> np.ndarray:
-    """Returns the package's LQG control (means,) at t = 0 and `MEANS`."""
+    """Returns the package's LQG control (means,) at t = 0 and `CONTROL_MEANS`."""
 
     @quick_jit
     def act(problem: Problem, means: Array) -> Array:
@@ -159,4 +163,4 @@ def lqg_controls(problem: Problem, cov: np.ndarray) -> np.ndarray:
             lambda mean: controller.act(problem, belief(mean), plan, jax.random.key(0))[0][0]
         )(means)
 
-    return np.asarray(act(problem, MEANS[:, None]))
+    return np.asarray(act(problem, CONTROL_MEANS[:, None]))

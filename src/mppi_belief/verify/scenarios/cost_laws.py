@@ -24,7 +24,7 @@ from jax import Array
 
 from ...problem import Belief, Problem
 
-REACH = 9.5  # of the sums, in standard deviations
+SUM_REACH = 9.5  # of the sums, in standard deviations
 
 
 class PlaneLaw(NamedTuple):
@@ -102,7 +102,7 @@ def plane_law(problem: Problem, belief: Belief, risk: str, step: float) -> Plane
     The cost depends on a position (2,); `step` is in standard deviations of the belief.
     """
     # Points of an even grid, in the coordinates of the belief's Cholesky factor.
-    steps = round(REACH / step)
+    steps = round(SUM_REACH / step)
     z = step * np.arange(-steps, steps + 1)
     standardised = np.stack(np.meshgrid(z, z, indexing="ij"), axis=-1).reshape(-1, 2)
     points = np.asarray(belief.mean) + standardised @ np.linalg.cholesky(belief.cov).T

@@ -25,7 +25,7 @@ from ..solvers import kushner
 from ..solvers.kushner import Moments, Reals, extrapolated_moments
 from .linear_filtering import rms_over
 from .scalar_paths import (
-    REACH,
+    STATE_REACH,
     CurvedMeasurement,
     filter_moments,
     grid_filter_moments,
@@ -33,8 +33,8 @@ from .scalar_paths import (
     uncosted_problem,
 )
 
-STEPS = 32
-PATHS = 64
+CURVED_STEPS = 32
+CURVED_PATHS = 64
 PARTICLES = 500
 SETTLED_STEPS = 8  # after which the prior is forgotten
 CURVATURES = (0.01, 0.02, 0.04, 0.08, 0.4, 1.6)  # kappa
@@ -53,7 +53,7 @@ class CurvedResults(NamedTuple):
 
 def curved_problem(curvature: Array | float) -> Problem:
     """Returns the problem with a curved measurement."""
-    return uncosted_problem(CurvedMeasurement(curvature, 0.5, 0.3), 1.0, STEPS)
+    return uncosted_problem(CurvedMeasurement(curvature, 0.5, 0.3), 1.0, CURVED_STEPS)
 
 
 def curved_results(seed: int) -> CurvedResults:
@@ -71,7 +71,7 @@ def curved_results(seed: int) -> CurvedResults:
 
     # Over curvatures and paths.
     curvatures = jnp.array(CURVATURES)
-    paths = jnp.arange(PATHS)
+    paths = jnp.arange(CURVED_PATHS)
     chosen = jnp.array(PARTICLE_CURVATURES)
     run_ekf = quick_jit(jax.vmap(jax.vmap(measured_ekf, (None, 0)), (0, None)))
     y, ekf = run_ekf(curvatures, paths)
@@ -97,9 +97,9 @@ def curved_grid_moments(y: Reals, cells: int, substeps: int) -> Moments:
     The measurements y are (curvatures, P, T).
     """
     problem = curved_problem(0.0)
-    x = kushner.state_grid(-REACH, REACH, cells).x[:, None]
+    x = kushner.state_grid(-STATE_REACH, STATE_REACH, cells).x[:, None]
     c = x + np.repeat(CURVATURES, y.shape[1]) * x**2 / 2
-    dy = y.reshape(-1, STEPS).T * problem.dt
+    dy = y.reshape(-1, CURVED_STEPS).T * problem.dt
     moments = grid_filter_moments(problem, cells, dy, c, substeps)
     return Moments(*(part.T.reshape(*y.shape[:2], -1) for part in moments))
 
@@ -119,14 +119,14 @@ def particle_check(results: CurvedResults) -> Check:
         grid_bound = grid_error[PARTICLE_CURVATURES] / unit
         path_means = deviation[:, :, SETTLED_STEPS:].mean(axis=2)
         path_bounds = grid_bound[:, :, SETTLED_STEPS:].mean(axis=2)
-        error = path_means.std(axis=1, ddof=1) / np.sqrt(PATHS)
+        error = path_means.std(axis=1, ddof=1) / np.sqrt(CURVED_PATHS)
         unexplained = np.abs(path_means.mean(axis=1)) - path_bounds.mean(axis=1)
         scores.append(np.maximum(unexplained, 0) / error)
     return largest_z(
         f"particle filter, {PARTICLES} particles: mean and variance against the grid, "
-        f"over {PATHS} paths",
+        f"over {CURVED_PATHS} paths",
         scores,
-        PATHS - 1,
+        CURVED_PATHS - 1,
     )
 
 

@@ -22,12 +22,12 @@ from ..bands import order, rounding
 from ..estimates import largest_magnitude
 from .matched_scalar import SteadySchedule, matching_check, steady_schedule
 
-DURATION = 1.0
-STEPS = (10, 20, 40, 80)  # of the exact expectation
-STATES = np.array([[0.0, 0.0], [-0.5, 0.5], [1.5, -0.5], [0.5, 1.0]])
+INTEGRATOR_DURATION = 1.0
+INTEGRATOR_STEPS = (10, 20, 40, 80)  # of the exact expectation
+INTEGRATOR_STATES = np.array([[0.0, 0.0], [-0.5, 0.5], [1.5, -0.5], [0.5, 1.0]])
 
 
-def double_integrator(steps: int = STEPS[0]) -> tuple[Problem, np.ndarray, float]:
+def double_integrator(steps: int = INTEGRATOR_STEPS[0]) -> tuple[Problem, np.ndarray, float]:
     """Returns problem, Sigma (2, 2) and lambda; the state is [p, v], the control an acceleration.
 
     Sigma is the steady state of (8b) by construction: C = s G' Sigma^-1 with R_o = 1 makes
@@ -53,7 +53,7 @@ def double_integrator(steps: int = STEPS[0]) -> tuple[Problem, np.ndarray, float
         cost,
         prior_mean=jnp.zeros(2),
         prior_std=jnp.sqrt(jnp.diag(jnp.asarray(cov))),
-        dt=DURATION / steps,
+        dt=INTEGRATOR_DURATION / steps,
         steps=steps,
         noise_convention="intensity",
     )
@@ -65,11 +65,11 @@ def deficient_rank_checks() -> list[Check]:
     problem, cov, temperature = double_integrator()
     schedule = steady_schedule(problem, cov)
     distances = []
-    for steps in STEPS:
+    for steps in INTEGRATOR_STEPS:
         gaps = [
             expected_control(problem, schedule, temperature, state, steps)
             - lqr_control(problem, state)
-            for state in STATES
+            for state in INTEGRATOR_STATES
         ]
         distances.append(float(np.linalg.norm(gaps)))
     return [
@@ -128,7 +128,7 @@ def weighted_increment(
     cost. The covariance's share of the cost is the same for all paths.
     """
     A, _, cost = _arrays(problem)
-    dt = DURATION / steps
+    dt = INTEGRATOR_DURATION / steps
     F = np.eye(2) + A * dt
 
     # Means as affine functions of all increments.
@@ -160,7 +160,7 @@ def lqr_control(problem: Problem, start: np.ndarray) -> float:
         return (np.diag(cost.running_weight) + A.T @ P + P @ A - P @ G @ RG @ P).ravel()
 
     terminal = np.diag(cost.terminal_weight).ravel()
-    solution = solve_ivp(rate, (0, DURATION), terminal, "DOP853", rtol=1e-12, atol=1e-13)
+    solution = solve_ivp(rate, (0, INTEGRATOR_DURATION), terminal, "DOP853", rtol=1e-12, atol=1e-13)
     P = solution.y[:, -1].reshape(2, 2)
     return float((-RG @ P @ (start - np.asarray(cost.goal)))[0])
 

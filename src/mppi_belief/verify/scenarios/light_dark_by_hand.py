@@ -33,17 +33,17 @@ from ..compilation import quick_jit
 from ..estimates import largest_magnitude
 from .matched_paths import printed_algorithm
 
-STEPS = 8
-SAMPLES = 64
-TEMPERATURE = 0.7
-THETA = 0.3
-STARTS = np.array([[2.2, 0.9, 0.6, -0.3], [2.7, -0.4, 0.9, 0.2], [3.4, 0.6, 0.8, 0.4]])
-COV = np.array(
+HAND_STEPS = 8
+HAND_SAMPLES = 64
+HAND_TEMPERATURE = 0.7
+HAND_THETA = 0.3
+HAND_STARTS = np.array([[2.2, 0.9, 0.6, -0.3], [2.7, -0.4, 0.9, 0.2], [3.4, 0.6, 0.8, 0.4]])
+HAND_COV = np.array(
     [[0.3, 0.05, 0.2, 0.0], [0.05, 0.15, 0.0, 0.1], [0.2, 0.0, 0.4, 0.05], [0.0, 0.1, 0.05, 0.3]]
 )
-AXIS = np.arange(-8.5, 8.6, 0.25)  # standard deviations; the tails beyond are below rounding
-A = np.eye(4, k=2)
-C = np.eye(2, 4)
+HAND_AXIS = np.arange(-8.5, 8.6, 0.25)  # standard deviations; the tails beyond are below rounding
+VEHICLE_A = np.eye(4, k=2)
+VEHICLE_C = np.eye(2, 4)
 
 
 class PackageRun(NamedTuple):
@@ -79,7 +79,7 @@ def moving_problem() -> Problem:
         prior_mean=jnp.zeros(4),
         prior_std=jnp.ones(4),
         dt=0.1,
-        steps=STEPS,
+        steps=HAND_STEPS,
         obstacles=Obstacles(jnp.array([[3.0, 1.0], [3.0, -1.0]]), 0.65),
         position=(0, 1),
         noise_convention="intensity",
@@ -92,13 +92,13 @@ def line_by_line_check(key: Array) -> Check:
     run = package_run(problem, key)
     by_hand = [
         hand_run(problem, start, factors, eps)
-        for start, factors, eps in zip(STARTS, run.factors, run.eps, strict=True)
+        for start, factors, eps in zip(HAND_STARTS, run.factors, run.eps, strict=True)
     ]
     error = max(hand.factor_error for hand in by_hand)
     for u, hand in zip(run.control, by_hand, strict=True):
         error = max(error, largest_magnitude(u - hand.control) / hand.largest)
     # S sums over nodes and steps, and its rounding over lambda is the relative one of a weight.
-    operations = 2 * len(AXIS) ** 2 * STEPS
+    operations = 2 * len(HAND_AXIS) ** 2 * HAND_STEPS
     scale = max(float(hand.costs.max()) for hand in by_hand)
     return rounding(
         "Algorithm 1 line by line, same normals, D_k and Σ_k in transit: L_kL_k' and u₀, relative",
@@ -110,9 +110,9 @@ def line_by_line_check(key: Array) -> Check:
 
 def package_run(problem: Problem, key: Array) -> PackageRun:
     """Returns what MPPI-Belief computes from every start."""
-    planner = printed_algorithm(SAMPLES, problem, TEMPERATURE, theta=THETA)
-    keys = jax.random.split(key, len(STARTS))
-    results = quick_jit(planned_controls)(planner, problem, STARTS, COV, keys)
+    planner = printed_algorithm(HAND_SAMPLES, problem, HAND_TEMPERATURE, theta=HAND_THETA)
+    keys = jax.random.split(key, len(HAND_STARTS))
+    results = quick_jit(planned_controls)(planner, problem, HAND_STARTS, HAND_COV, keys)
     return PackageRun(*(np.asarray(result) for result in results))
 
 
@@ -126,7 +126,7 @@ def planned_controls(
         mean, key = inputs
         belief = Belief(mean, cov)
         factors, _ = diffusion_factors(gain_schedule(problem, belief, plan, "riccati"))
-        eps = jnp.sqrt(problem.dt) * pi.normals(key, (STEPS, 4, SAMPLES), False)
+        eps = jnp.sqrt(problem.dt) * pi.normals(key, (HAND_STEPS, 4, HAND_SAMPLES), False)
         return planner.act(problem, belief, plan, key)[0], factors, eps
 
     return jax.lax.map(from_start, (starts, keys))
@@ -139,16 +139,16 @@ def riccati_by_hand(problem: Problem, mean: np.ndarray) -> tuple[np.ndarray, np.
     """
     system: Any = problem.system
     Q = np.diag([0.0, 0.0, 1.0, 1.0]) * system.process_noise**2
-    covs = [COV]
+    covs = [HAND_COV]
     diffusions = []
-    for _ in range(STEPS):
+    for _ in range(HAND_STEPS):
         sigma_o = system.noise_slope * abs(mean[0] - system.light) + system.noise_floor
-        information = C.T @ C / sigma_o**2
-        hamiltonian = np.block([[-A.T, information], [Q, A]])
+        information = VEHICLE_C.T @ VEHICLE_C / sigma_o**2
+        hamiltonian = np.block([[-VEHICLE_A.T, information], [Q, VEHICLE_A]])
         flow = expm(hamiltonian * problem.dt) @ np.vstack([np.eye(4), covs[-1]])
         diffusions.append(covs[-1] @ information @ covs[-1])
         covs.append(flow[4:] @ np.linalg.inv(flow[:4]))
-        mean = mean + A @ mean * problem.dt
+        mean = mean + VEHICLE_A @ mean * problem.dt
     return np.array(covs), np.array(diffusions)
 
 
@@ -163,7 +163,7 @@ def risk_by_hand(problem: Problem, mu: np.ndarray, cov: np.ndarray) -> np.ndarra
     deviation = mu - np.asarray(cost.goal)[:, None]
 
     # The grid of positions around each mean, and its normalised weights.
-    z = np.stack(np.meshgrid(AXIS, AXIS)).reshape(2, -1)
+    z = np.stack(np.meshgrid(HAND_AXIS, HAND_AXIS)).reshape(2, -1)
     weights = np.exp(-np.sum(z**2, axis=0) / 2)
     weights /= weights.sum()
     points = mu[:2, :, None] + (np.linalg.cholesky(cov[:2, :2]) @ z)[:, None]
@@ -178,7 +178,7 @@ def risk_by_hand(problem: Problem, mu: np.ndarray, cov: np.ndarray) -> np.ndarra
     variance = (bumps - mean[:, None]) ** 2 @ weights
 
     expected_quadratic = (np.sum(deviation * (Q @ deviation), axis=0) + np.trace(Q @ cov)) / 2
-    q_rs: np.ndarray = expected_quadratic + mean + THETA / 2 * variance
+    q_rs: np.ndarray = expected_quadratic + mean + HAND_THETA / 2 * variance
     return q_rs
 
 
@@ -193,17 +193,17 @@ def hand_run(problem: Problem, start: np.ndarray, L: np.ndarray, eps: np.ndarray
     M = RG @ np.linalg.pinv(G @ RG) @ L[0]
 
     # Lines 4 to 11: rollouts and their costs.
-    mu = np.repeat(start[:, None], SAMPLES, axis=1)
-    S = np.zeros(SAMPLES)
-    for k in range(STEPS):
+    mu = np.repeat(start[:, None], HAND_SAMPLES, axis=1)
+    S = np.zeros(HAND_SAMPLES)
+    for k in range(HAND_STEPS):
         S += risk_by_hand(problem, mu, covs[k]) * problem.dt
-        mu = mu + A @ mu * problem.dt + L[k] @ eps[k]
+        mu = mu + VEHICLE_A @ mu * problem.dt + L[k] @ eps[k]
     Q_T = np.diag(cost.terminal_weight)
     deviation = mu - np.asarray(cost.goal)[:, None]
     S += (np.sum(deviation * (Q_T @ deviation), axis=0) + np.trace(Q_T @ covs[-1])) / 2
 
     # Lines 12 to 15: weights and the first control.
-    w = np.exp((S.min() - S) / TEMPERATURE)
+    w = np.exp((S.min() - S) / HAND_TEMPERATURE)
     increments = M @ eps[0] / problem.dt
 
     factor_errors = np.linalg.norm(L @ L.transpose(0, 2, 1) - diffusions, axis=(1, 2))
@@ -211,6 +211,6 @@ def hand_run(problem: Problem, start: np.ndarray, L: np.ndarray, eps: np.ndarray
     return HandRun(
         control=increments @ w / w.sum(),
         largest=largest_magnitude(increments),
-        costs=S / TEMPERATURE,
+        costs=S / HAND_TEMPERATURE,
         factor_error=float(np.max(relative_errors)),
     )

@@ -29,15 +29,15 @@ from .scalar_paths import (
     uncosted_problem,
 )
 
-A = -0.5
-B = 0.8
-C = 1.2
+LINE_A = -0.5
+LINE_B = 0.8
+LINE_C = 1.2
 SIGMA_W = 0.6
 SIGMA_O = 0.4
 FINE_STEPS = 4096  # of the simulated paths
 FILTER_STEPS = (CONTROL_PIECES, 64, 128, 256)  # of the grid filters
 LINEAR_PATHS = 128
-DURATION = 2.0  # of the simulated paths
+LINE_DURATION = 2.0  # of the simulated paths
 
 
 def rms_over(deviation: Reals, axis: int | tuple[int, ...]) -> Reals:
@@ -47,7 +47,7 @@ def rms_over(deviation: Reals, axis: int | tuple[int, ...]) -> Reals:
 
 def linear_problem(drift: float, duration: float, steps: int) -> Problem:
     """Returns the linear system with another drift, or with the drift A."""
-    system = ScalarLinear(drift, B, C, SIGMA_W, SIGMA_O)
+    system = ScalarLinear(drift, LINE_B, LINE_C, SIGMA_W, SIGMA_O)
     return uncosted_problem(system, duration, steps)
 
 
@@ -100,13 +100,13 @@ def kalman_bucy_moments(problem: Problem, dy: Reals) -> Moments:
         problem, prior(problem), jnp.asarray(u)[:, None], "riccati"
     )
     R_o = system.sigma_o(schedule.mean[-1]) ** 2
-    last_gain, _ = kalman_bucy_gain(schedule.cov[-1], jnp.array([[C]]), R_o)
+    last_gain, _ = kalman_bucy_gain(schedule.cov[-1], jnp.array([[LINE_C]]), R_o)
     K = np.append(np.asarray(schedule.gain).ravel(), last_gain)
 
     # The trapezoidal rule for the mean.
     mean = np.full((problem.steps + 1, dy.shape[1]), PRIOR_MEAN)
-    half_rate = (A - K * C) * problem.dt / 2
-    push = B * u * dt
+    half_rate = (LINE_A - K * LINE_C) * problem.dt / 2
+    push = LINE_B * u * dt
     for k in range(problem.steps):
         explicit = (1 + half_rate[k]) * mean[k] + (K[k] + K[k + 1]) / 2 * dy[k] + push[k]
         mean[k + 1] = explicit / (1 - half_rate[k + 1])
@@ -118,7 +118,7 @@ def time_order_checks(seed: int) -> list[Check]:
 
     The error in h is extrapolated away; both filters see the same finely sampled paths.
     """
-    problem = linear_problem(A, DURATION, FINE_STEPS)
+    problem = linear_problem(LINE_A, LINE_DURATION, FINE_STEPS)
     simulate = jax.jit(jax.vmap(lambda path: simulated_measurements(problem, seed, path)))
     y = simulate(jnp.arange(LINEAR_PATHS))
     dy = np.asarray(y)[..., 0].T * problem.dt
@@ -129,7 +129,7 @@ def time_order_checks(seed: int) -> list[Check]:
     variances = []
     shared_times = slice(None, None, FINE_STEPS // FILTER_STEPS[0])
     for steps in FILTER_STEPS:
-        coarse = linear_problem(A, DURATION, steps)
+        coarse = linear_problem(LINE_A, LINE_DURATION, steps)
         summed = dy.reshape(steps, -1, LINEAR_PATHS).sum(axis=1)
         sampled = extrapolated_moments(
             *(grid_filter_moments(coarse, cells, summed) for cells in (120, 240))
@@ -146,8 +146,8 @@ def time_order_checks(seed: int) -> list[Check]:
     orders = np.array([observed_orders(list(path)) for path in np.transpose(means)]).T
     error = orders[-1].std(ddof=1) / np.sqrt(LINEAR_PATHS)
     # Errors are C dt (1 + O(dt times the rate at which the filter forgets)).
-    forgetting = abs(A) + C**2 * exact.variance.max() / SIGMA_O**2
-    bias = forgetting * DURATION / FILTER_STEPS[-2]
+    forgetting = abs(LINE_A) + LINE_C**2 * exact.variance.max() / SIGMA_O**2
+    bias = forgetting * LINE_DURATION / FILTER_STEPS[-2]
     return [
         order(
             "c linear: order in dt of the grid's variance against Kalman-Bucy (8b)", 1, variances

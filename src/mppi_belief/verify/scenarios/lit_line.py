@@ -30,14 +30,17 @@ from ...problem import Problem
 from ...structs import number, struct
 from ..compilation import quick_jit
 
-DURATION = 0.8
-THETA = 0.5
-TEMPERATURE = 0.6
-PATHS = 1 << 16
-MEANS = np.linspace(-4.5, 4.5, 91)
-VARIANCES = np.geomspace(0.01, 1.6, 36)
-INSIDE = (slice(35, 61), slice(18, 33))  # of MEANS x VARIANCES, where the equation is examined
-NODES = 16  # of the Gauss-Hermite rule
+LIT_DURATION = 0.8
+LIT_THETA = 0.5
+LIT_TEMPERATURE = 0.6
+LIT_PATHS = 1 << 16
+LIT_MEANS = np.linspace(-4.5, 4.5, 91)
+LIT_VARIANCES = np.geomspace(0.01, 1.6, 36)
+INSIDE = (
+    slice(35, 61),
+    slice(18, 33),
+)  # of LIT_MEANS x LIT_VARIANCES, where the equation is examined
+LIT_NODES = 16  # of the Gauss-Hermite rule
 
 
 @struct
@@ -89,7 +92,7 @@ def lit_problem(steps: int) -> Problem:
         cost,
         prior_mean=0 * unit,
         prior_std=unit,
-        dt=DURATION / steps,
+        dt=LIT_DURATION / steps,
         steps=steps,
         obstacles=Obstacles(0.8 * jnp.ones((1, 1)), 0),
         noise_convention="intensity",
@@ -98,9 +101,9 @@ def lit_problem(steps: int) -> Problem:
 
 def backward_recursion(problem: Problem) -> LogPsi:
     """Returns log Psi of the discrete problem, costs being charged at the end of each step."""
-    mu, variance = np.meshgrid(MEANS, VARIANCES, indexing="ij")
+    mu, variance = np.meshgrid(LIT_MEANS, LIT_VARIANCES, indexing="ij")
     terminal = quick_jit(jax.vmap(lambda m, s: expected_terminal(problem, m[None], s[None, None])))
-    log_psi = -np.asarray(terminal(mu.ravel(), variance.ravel())) / TEMPERATURE
+    log_psi = -np.asarray(terminal(mu.ravel(), variance.ravel())) / LIT_TEMPERATURE
     values = [_spline(log_psi)]
     for _ in range(problem.steps - 1):
         values.insert(0, _spline(exact_step(problem, values, mu.ravel(), variance.ravel())[0]))
@@ -108,8 +111,8 @@ def backward_recursion(problem: Problem) -> LogPsi:
 
 
 def _spline(values: np.ndarray) -> RectBivariateSpline:
-    shaped = values.reshape(len(MEANS), len(VARIANCES))
-    return RectBivariateSpline(MEANS, np.log(VARIANCES), shaped, kx=5, ky=5)
+    shaped = values.reshape(len(LIT_MEANS), len(LIT_VARIANCES))
+    return RectBivariateSpline(LIT_MEANS, np.log(LIT_VARIANCES), shaped, kx=5, ky=5)
 
 
 def exact_step(
@@ -119,13 +122,13 @@ def exact_step(
 
     The expectation over that step is a Gauss-Hermite sum.
     """
-    nodes, weights = hermegauss(NODES)
-    increments = nodes * np.sqrt(TEMPERATURE / problem.dt)  # covariance lambda R^-1 / dt, R = 1
+    nodes, weights = hermegauss(LIT_NODES)
+    increments = nodes * np.sqrt(LIT_TEMPERATURE / problem.dt)  # covariance lambda R^-1 / dt, R = 1
     mu = mean[:, None] + increments * problem.dt
     filtered_variance = kalman_variance(LIT_LINE, mu, variance[:, None], problem.dt)
     rate = running_risk(problem, mu.ravel(), filtered_variance.ravel()).reshape(mu.shape)
     next_log_psi = values[0].ev(mu.ravel(), np.log(filtered_variance.ravel())).reshape(mu.shape)
-    log_terms = next_log_psi - rate * problem.dt / TEMPERATURE
+    log_terms = next_log_psi - rate * problem.dt / LIT_TEMPERATURE
     largest = log_terms.max(axis=1, keepdims=True)
     w = np.exp(log_terms - largest) * weights / np.sqrt(2 * np.pi)
     return largest[:, 0] + np.log(w.sum(axis=1)), w @ increments / w.sum(axis=1)
@@ -152,7 +155,7 @@ def running_risk(problem: Problem, mean: np.ndarray, variance: np.ndarray) -> np
 
 @quick_jit
 def _running_risk(problem: Problem, mean: Array, variance: Array) -> Array:
-    return jax.vmap(lambda m, s: risk_sensitive(problem, m[None], s[None, None], THETA))(
+    return jax.vmap(lambda m, s: risk_sensitive(problem, m[None], s[None, None], LIT_THETA))(
         mean, variance
     )
 
@@ -162,16 +165,16 @@ def joint_bellman_residual(problem: Problem, values: LogPsi) -> np.ndarray:
 
     It is examined at the beliefs `INSIDE`.
     """
-    mu, variance = (grid[INSIDE] for grid in np.meshgrid(MEANS, VARIANCES, indexing="ij"))
+    mu, variance = (grid[INSIDE] for grid in np.meshgrid(LIT_MEANS, LIT_VARIANCES, indexing="ij"))
     log_variance = np.log(variance)
-    V, V_next = (-TEMPERATURE * spline.ev(mu, log_variance) for spline in values[:2])
+    V, V_next = (-LIT_TEMPERATURE * spline.ev(mu, log_variance) for spline in values[:2])
     gradient, hessian = (
-        -TEMPERATURE * values[0].ev(mu, log_variance, dx=order) for order in (1, 2)
+        -LIT_TEMPERATURE * values[0].ev(mu, log_variance, dx=order) for order in (1, 2)
     )
-    V_Sigma = -TEMPERATURE * values[0].ev(mu, log_variance, dy=1) / variance
+    V_Sigma = -LIT_TEMPERATURE * values[0].ev(mu, log_variance, dy=1) / variance
     riccati = LIT_LINE.process_noise**2 - variance**2 / sensor_noise(LIT_LINE, mu)
     rate = running_risk(problem, mu.ravel(), variance.ravel()).reshape(mu.shape)
-    right_side = rate - 0.5 * gradient**2 + riccati * V_Sigma + 0.5 * TEMPERATURE * hessian
+    right_side = rate - 0.5 * gradient**2 + riccati * V_Sigma + 0.5 * LIT_TEMPERATURE * hessian
     return (V_next - V) / problem.dt + right_side
 
 
@@ -181,17 +184,17 @@ def sample_plan(problem: Problem, mean: float, std: float, key: Array) -> Sample
         np.asarray(part)
         for part in _sampled_paths(problem, jnp.array([mean]), jnp.array([[std]]), key)
     )
-    w = np.exp(-costs / TEMPERATURE)
+    w = np.exp(-costs / LIT_TEMPERATURE)
     psi = w.mean()
     control = (w @ increments) / w.sum()
-    shared_psi = np.mean(np.exp(-shared_costs / TEMPERATURE))
+    shared_psi = np.mean(np.exp(-shared_costs / LIT_TEMPERATURE))
     mean_square = np.mean((w * (increments - control)) ** 2)
     return SampledPlan(
         psi=psi,
         psi_error=w.std(ddof=1) / np.sqrt(len(w)),
         control=control,
         control_error=np.sqrt(mean_square / len(w)) / psi,
-        shared=TEMPERATURE * np.log(psi / shared_psi),
+        shared=LIT_TEMPERATURE * np.log(psi / shared_psi),
     )
 
 
@@ -206,9 +209,9 @@ def _sampled_paths(
     """
     start = RootBelief(mean, root)
     no_controls = jnp.zeros((problem.steps, 1))
-    plan = PerPathCovariance().plan(problem, RiskSensitive(THETA), start, no_controls)
-    normals = pi.normals(key, (problem.steps, 1, PATHS), False)
-    increments = pi.matched_increments(problem, normals, TEMPERATURE, None)
+    plan = PerPathCovariance().plan(problem, RiskSensitive(LIT_THETA), start, no_controls)
+    normals = pi.normals(key, (problem.steps, 1, LIT_PATHS), False)
+    increments = pi.matched_increments(problem, normals, LIT_TEMPERATURE, None)
     costs, means = plan.costs(increments, None)
     shared_costs = pi.accumulated_costs(
         problem,
@@ -216,7 +219,7 @@ def _sampled_paths(
         means,
         plan.cov,
         True,
-        lambda mu, cov: risk_sensitive(problem, mu, cov, THETA),
+        lambda mu, cov: risk_sensitive(problem, mu, cov, LIT_THETA),
         lambda mu, cov: expected_terminal(problem, mu, cov),
     )
     return increments[0, 0], costs, shared_costs

@@ -27,10 +27,12 @@ from ..bands import rounding
 from ..compilation import quick_jit
 from ..solvers.scalar_equations import Quadratic, ScalarEquation
 
-REACH = (
+GRID_REACH = (
     7.0  # half width of the grids; from there the optimum does not come near the obstacles before T
 )
-BLOCK = 4096  # grid points whose cost is computed at once, so that grids of any size compile once
+COST_BLOCK = (
+    4096  # grid points whose cost is computed at once, so that grids of any size compile once
+)
 
 
 class MatchedProblem(NamedTuple):
@@ -135,7 +137,7 @@ def scalar_equation(matched: MatchedProblem, schedule: SteadySchedule) -> Scalar
         authority=float((G @ np.linalg.solve(cost.R, G.T))[0, 0]),
         temperature=matched.temperature,
         duration=matched.duration,
-        reach=REACH,
+        reach=GRID_REACH,
         running=lambda mu: _reduced_costs(problem, matched, mu)[0],
         terminal=lambda mu: _reduced_costs(problem, matched, mu)[1],
         far_running=_interpolating_quadratic(far[0]),
@@ -151,10 +153,10 @@ def _interpolating_quadratic(values: np.ndarray) -> Quadratic:
 
 def _reduced_costs(problem: Problem, matched: MatchedProblem, mu: np.ndarray) -> np.ndarray:
     """Returns q and phi (2, n) at means (n,)."""
-    padded = np.pad(np.asarray(mu, dtype=float), (0, -len(mu) % BLOCK))
+    padded = np.pad(np.asarray(mu, dtype=float), (0, -len(mu) % COST_BLOCK))
     parts = [
         np.asarray(_costs_of_block(problem, matched.theta, block, matched.cov))
-        for block in padded.reshape(-1, BLOCK, 1)
+        for block in padded.reshape(-1, COST_BLOCK, 1)
     ]
     return np.concatenate(parts, axis=1)[:, : len(mu)]
 

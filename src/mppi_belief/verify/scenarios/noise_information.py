@@ -24,7 +24,7 @@ from .section_vii import (
     problem_numbers,
 )
 
-STATES = 64
+NOISE_STATES = 64
 SHORT_STEP = 1e-3  # s, a second step for the intensity
 
 
@@ -55,8 +55,8 @@ def noise_level_checks(rng: np.random.Generator) -> list[Check]:
     """Returns checks of what the light-dark noise level tells, and that the EKF ignores it."""
     dt = problem_numbers()["dt"]
     problem = one_step_problem("sample", dt)
-    position = rng.uniform(-1, 8, STATES)
-    states = np.column_stack([position, rng.normal(size=(STATES, 3))])
+    position = rng.uniform(-1, 8, NOISE_STATES)
+    states = np.column_stack([position, rng.normal(size=(NOISE_STATES, 3))])
 
     def measured(x: Array) -> tuple[FisherInformation, Array]:
         """Returns the information, and the EKF's covariance after a measurement, from I before."""

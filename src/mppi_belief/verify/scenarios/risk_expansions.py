@@ -23,11 +23,11 @@ from ...systems import Linear
 from .cost_laws import CostLaw, QuadraticLaw, plane_law
 from .section_vii import cost_numbers, problem_numbers
 
-DISTANCE = 0.8  # m, of the examined belief from an obstacle's centre
-SPREAD = 0.35  # m, standard deviation of the examined belief
+BELIEF_DISTANCE = 0.8  # m, of the examined belief from an obstacle's centre
+BELIEF_STD = 0.35  # m, standard deviation of the examined belief
 FINE_STEP = 0.0125  # of the sums, in standard deviations; resolves theta w_obs = 900
 COARSE_STEP = 0.1  # of the sums for small theta
-HALVINGS = 2.0 ** -np.arange(6)
+THETA_HALVINGS = 2.0 ** -np.arange(6)
 
 
 class RiskExpansion(NamedTuple):
@@ -75,12 +75,12 @@ def position_problem(centers: Sequence[Sequence[float]] | None = None) -> Proble
 def belief_position() -> np.ndarray:
     """Returns the mean (2,) of the examined belief, beside the first obstacle, in metres."""
     x, y = obstacle_centers()[0]
-    return np.array([x, y + DISTANCE])
+    return np.array([x, y + BELIEF_DISTANCE])
 
 
 def belief_beside_obstacle() -> Belief:
     """Returns the belief whose penalty is examined for all theta."""
-    return Belief(jnp.asarray(belief_position()), SPREAD**2 * jnp.eye(2))
+    return Belief(jnp.asarray(belief_position()), BELIEF_STD**2 * jnp.eye(2))
 
 
 @partial(jax.jit, static_argnames="risk")
@@ -115,7 +115,9 @@ def quadratic_expansion(rng: np.random.Generator) -> RiskExpansion:
     problem = resting_problem(cost)
     law = QuadraticLaw(cov @ W, mean - goal, W @ (mean - goal))
     belief = Belief(jnp.asarray(mean), jnp.asarray(cov))
-    return risk_expansion("quadratic", law, problem, belief, "total", 0.1 * law.pole * HALVINGS)
+    return risk_expansion(
+        "quadratic", law, problem, belief, "total", 0.1 * law.pole * THETA_HALVINGS
+    )
 
 
 def bump_expansions(rng: np.random.Generator) -> list[RiskExpansion]:
@@ -132,7 +134,7 @@ def bump_expansions(rng: np.random.Generator) -> list[RiskExpansion]:
         problem = position_problem(bump_centers)
         law = plane_law(problem, belief, risk, COARSE_STEP)
         _, variance, third = law.cumulants()
-        thetas = 0.3 * variance / third * HALVINGS
+        thetas = 0.3 * variance / third * THETA_HALVINGS
         expansions.append(risk_expansion(name, law, problem, belief, risk, thetas))
     return expansions
 

@@ -21,7 +21,7 @@ from ..solvers.kushner import Moments, Reals
 
 PRIOR_MEAN = 0.5
 PRIOR_STD = 0.5
-REACH = 6.0  # half width of the grid: about ten standard deviations of the belief
+STATE_REACH = 6.0  # half width of the grid: about ten standard deviations of the belief
 CONTROL_PIECES = 32  # pieces of constant control in a path
 
 
@@ -111,7 +111,7 @@ def grid_filter_moments(
 
     `c` (n, P) replaces the system's measurement function if it differs from path to path.
     """
-    grid = kushner.state_grid(-REACH, REACH, cells)
+    grid = kushner.state_grid(-STATE_REACH, STATE_REACH, cells)
     model = kushner.coefficients(problem, grid)
     if c is not None:
         model = model._replace(c=c)

@@ -33,9 +33,9 @@ from ...problem import Problem
 from ...systems import Steered
 from ..compilation import quick_jit
 
-TEMPERATURE = 0.7  # lambda
-DURATION = 2.0  # T
-STEPS = 80
+SENSING_TEMPERATURE = 0.7  # lambda
+SENSING_DURATION = 2.0  # T
+SENSING_STEPS = 80
 
 
 class SensingSchedule(NamedTuple):
@@ -62,7 +62,7 @@ def random_sensing_problem(rng: np.random.Generator, nx: int, nu: int) -> Proble
     B = rng.normal(size=(nx, nu))
     root = rng.normal(size=(nu, nu))
     R = root @ root.T + np.eye(nu)
-    H = np.linalg.cholesky(TEMPERATURE * B @ np.linalg.solve(R, B.T) + 0.2 * np.eye(nx))
+    H = np.linalg.cholesky(SENSING_TEMPERATURE * B @ np.linalg.solve(R, B.T) + 0.2 * np.eye(nx))
     plant: dict[str, Any] = {
         "A": A,
         "B": B,
@@ -70,15 +70,15 @@ def random_sensing_problem(rng: np.random.Generator, nx: int, nu: int) -> Proble
         "channel": H,
         "sensor_noise": np.full(nu, 0.4),
     }
-    system = Steered(**plant, temperature=TEMPERATURE, selector="matched")
+    system = Steered(**plant, temperature=SENSING_TEMPERATURE, selector="matched")
     running, terminal = jnp.asarray(rng.uniform(0.5, 1.5, (2, nx)))
     return Problem(
         system,
         GoalObstacleCost(jnp.zeros(nx), running, terminal, jnp.asarray(R)),
         prior_mean=jnp.full(nx, 0.5),
         prior_std=jnp.asarray(rng.uniform(0.5, 1.0, nx)),
-        dt=DURATION / STEPS,
-        steps=STEPS,
+        dt=SENSING_DURATION / SENSING_STEPS,
+        steps=SENSING_STEPS,
         noise_convention="intensity",
     )
 
@@ -93,14 +93,14 @@ def _schedule_and_residuals(problem: Problem, method: str) -> tuple[GainSchedule
     controls = jnp.zeros((problem.steps, problem.cost.R.shape[0]))
     schedule = gain_schedule(problem, prior(problem), controls, method)
     G = problem.system.G(problem.prior_mean)
-    W = matched_weight(problem.cost.R, TEMPERATURE)
+    W = matched_weight(problem.cost.R, SENSING_TEMPERATURE)
     return schedule, jax.vmap(residual, (0, None, None))(schedule.diffusion, G, W)
 
 
 def coarser_problem(sensing: SensingSchedule, together: int) -> Problem:
     """Returns the problem in steps of `together` of its own."""
     problem = sensing.problem
-    return replace(problem, dt=together * problem.dt, steps=STEPS // together)
+    return replace(problem, dt=together * problem.dt, steps=SENSING_STEPS // together)
 
 
 def control_authority(problem: Problem) -> np.ndarray:
@@ -114,7 +114,7 @@ def matched_covariances(problem: Problem) -> np.ndarray:
     system: Any = problem.system
     F = np.eye(len(system.A)) + problem.dt * np.asarray(system.A)
     Q = np.asarray(system.H @ system.H.T)
-    growth = (Q - TEMPERATURE * control_authority(problem)) * problem.dt
+    growth = (Q - SENSING_TEMPERATURE * control_authority(problem)) * problem.dt
     covs = [np.diag(np.asarray(problem.prior_std) ** 2)]
     for _ in range(problem.steps):
         covs.append(F @ covs[-1] @ F.T + growth)
@@ -139,9 +139,9 @@ def integrated_value(problem: Problem, diffusions: np.ndarray, covs: np.ndarray)
     for D, cov in zip(diffusions[::-1], covs[-2::-1], strict=True):
         next_P = P
         next_constant = constant
-        growth = np.eye(len(q)) + P @ D * problem.dt / TEMPERATURE
+        growth = np.eye(len(q)) + P @ D * problem.dt / SENSING_TEMPERATURE
         charge = 0.5 * problem.dt * float(np.sum(q * cov))
-        constant += 0.5 * TEMPERATURE * np.linalg.slogdet(growth)[1] + charge
+        constant += 0.5 * SENSING_TEMPERATURE * np.linalg.slogdet(growth)[1] + charge
         P = q * problem.dt + F.T @ np.linalg.solve(growth, P) @ F
         P = (P + P.T) / 2
     return QuadraticValue(P, constant, next_P, next_constant)
@@ -191,4 +191,4 @@ def hamiltonian_value(problem: Problem) -> tuple[np.ndarray, float]:
     Y = flow[n:, :n] + flow[n:, n:] @ phi
     # d/dt log det X = tr(A - G R^-1 G' P), and X(T) = I.
     log_determinant = float(np.trace(A) * duration + np.linalg.slogdet(X)[1])
-    return Y @ np.linalg.inv(X), 0.5 * TEMPERATURE * log_determinant
+    return Y @ np.linalg.inv(X), 0.5 * SENSING_TEMPERATURE * log_determinant

@@ -35,11 +35,11 @@ from ...systems import ScalarLinear
 DRIFT = 0.0  # a
 CONTROL_GAIN = 1.0  # b
 STATE_WEIGHT = 2.0  # q
-TEMPERATURE = 1.0  # lambda
-NOISE = 0.5  # sigma_w and sigma_o
-DT = 0.2
-STEPS = 10  # of a trial
-HORIZON = 5  # H of the planner
+SCALAR_TEMPERATURE = 1.0  # lambda
+SCALAR_NOISE = 0.5  # sigma_w and sigma_o
+SCALAR_DT = 0.2
+SCALAR_STEPS = 10  # of a trial
+SCALAR_HORIZON = 5  # H of the planner
 
 
 class ScalarOptimum(NamedTuple):
@@ -77,18 +77,22 @@ class PredictedExcess(NamedTuple):
 
 def stationary_problem() -> tuple[Problem, ScalarOptimum]:
     """Returns the problem with R = lambda b^2 / D at the steady state, and its discrete optimum."""
-    steady_variance = NOISE * NOISE  # 0 = sigma_w^2 - Sigma^2 / sigma_o^2, for a = 0
-    R = TEMPERATURE * CONTROL_GAIN**2 / (steady_variance / NOISE) ** 2
-    F = 1 + DRIFT * DT
-    B = CONTROL_GAIN * DT
-    P = float(solve_discrete_are([[F]], [[B]], [[STATE_WEIGHT * DT]], [[R * DT]])[0, 0])
-    hessian = R * DT + B * P * B
+    steady_variance = SCALAR_NOISE * SCALAR_NOISE  # 0 = sigma_w^2 - Sigma^2 / sigma_o^2, for a = 0
+    R = SCALAR_TEMPERATURE * CONTROL_GAIN**2 / (steady_variance / SCALAR_NOISE) ** 2
+    F = 1 + DRIFT * SCALAR_DT
+    B = CONTROL_GAIN * SCALAR_DT
+    P = float(
+        solve_discrete_are([[F]], [[B]], [[STATE_WEIGHT * SCALAR_DT]], [[R * SCALAR_DT]])[0, 0]
+    )
+    hessian = R * SCALAR_DT + B * P * B
 
-    system = ScalarLinear(DRIFT, CONTROL_GAIN, 1.0, NOISE, NOISE)
+    system = ScalarLinear(DRIFT, CONTROL_GAIN, 1.0, SCALAR_NOISE, SCALAR_NOISE)
     unit = jnp.ones(1)
     cost = GoalObstacleCost(0 * unit, STATE_WEIGHT * unit, P * unit, R * unit)
     std = math.sqrt(steady_variance) * unit
-    problem = Problem(system, cost, unit, std, DT, STEPS, noise_convention="intensity")
+    problem = Problem(
+        system, cost, unit, std, SCALAR_DT, SCALAR_STEPS, noise_convention="intensity"
+    )
     return problem, ScalarOptimum(P, F * P * B / hessian, hessian)
 
 
@@ -99,10 +103,10 @@ def scalar_optimal_cost(problem: Problem, optimum: ScalarOptimum, covs: np.ndarr
     with variances `covs` (K,).
     """
     start = float(problem.prior_mean[0] ** 2 + problem.prior_std[0] ** 2)
-    noise = optimum.value * NOISE**2 * DT
+    noise = optimum.value * SCALAR_NOISE**2 * SCALAR_DT
     return 0.5 * (
         optimum.value * start
-        + STEPS * noise
+        + SCALAR_STEPS * noise
         + optimum.gain**2 * optimum.hessian * float(np.sum(covs))
     )
 
@@ -112,8 +116,8 @@ def filter_law(problem: Problem) -> tuple[np.ndarray, np.ndarray]:
 
     Both are (K,).
     """
-    schedule = gain_schedule(problem, prior(problem), jnp.zeros((STEPS, 1)), "filter")
-    return np.asarray(schedule.cov)[:-1, 0, 0], np.asarray(schedule.diffusion)[:, 0, 0] * DT
+    schedule = gain_schedule(problem, prior(problem), jnp.zeros((SCALAR_STEPS, 1)), "filter")
+    return np.asarray(schedule.cov)[:-1, 0, 0], np.asarray(schedule.diffusion)[:, 0, 0] * SCALAR_DT
 
 
 def planned_diffusions(problem: Problem, covs: np.ndarray) -> np.ndarray:
@@ -121,24 +125,26 @@ def planned_diffusions(problem: Problem, covs: np.ndarray) -> np.ndarray:
 
     def diffusions(cov: Array) -> Array:
         belief = Belief(jnp.zeros(1), cov.reshape(1, 1))
-        return gain_schedule(problem, belief, jnp.zeros((HORIZON, 1)), "riccati").diffusion[:, 0, 0]
+        return gain_schedule(problem, belief, jnp.zeros((SCALAR_HORIZON, 1)), "riccati").diffusion[
+            :, 0, 0
+        ]
 
     return np.asarray(jax.jit(jax.vmap(diffusions))(jnp.asarray(covs)))
 
 
 def weighted_paths(diffusions: np.ndarray, terminal: float, tau: float) -> WeightedPaths:
     """Returns the Gaussian integral over the mean's paths for D_j (K, H) and a terminal weight."""
-    F = 1 + DRIFT * DT
+    F = 1 + DRIFT * SCALAR_DT
     value = np.full(len(diffusions), terminal)
     constant = np.zeros(len(diffusions))
     pull = constant
     spread = constant
     for D in diffusions.T[::-1]:
-        gain = value * D * DT / tau
+        gain = value * D * SCALAR_DT / tau
         pull = F * gain / (1 + gain)
-        spread = D * DT / (1 + gain)
+        spread = D * SCALAR_DT / (1 + gain)
         constant = constant + 0.5 * np.log1p(gain)
-        value = STATE_WEIGHT * DT + F**2 * value / (1 + gain)
+        value = STATE_WEIGHT * SCALAR_DT + F**2 * value / (1 + gain)
     return WeightedPaths(value, constant, pull, spread)
 
 
@@ -152,14 +158,15 @@ def predicted_excess(
     -E[w^2 (x - x*)] / (N E[w]^2); the square of a weight is the weight at half the temperature.
     """
     diffusions = planned_diffusions(problem, covs)
-    B = CONTROL_GAIN * DT
+    B = CONTROL_GAIN * SCALAR_DT
     paths, half_paths = (
-        weighted_paths(diffusions, optimum.value, tau) for tau in (TEMPERATURE, TEMPERATURE / 2)
+        weighted_paths(diffusions, optimum.value, tau)
+        for tau in (SCALAR_TEMPERATURE, SCALAR_TEMPERATURE / 2)
     )
     mean, variance = mean_law(float(problem.prior_mean[0]), paths.pull, innovations)
 
     # E[w^2] / E[w]^2 = exp(rate mu^2 + ...): another Gaussian integral, over the law of mu_k.
-    rate = (paths.value - half_paths.value) / TEMPERATURE
+    rate = (paths.value - half_paths.value) / SCALAR_TEMPERATURE
     narrowing = 1 - 2 * rate * variance
     exponent = rate * mean**2 / narrowing + 2 * paths.constant - half_paths.constant
     ratio = np.exp(exponent) / np.sqrt(narrowing)
@@ -181,7 +188,7 @@ def mean_law(
     """Returns means and variances (K,) of mu_k under mu' = (F - pull) mu + innovation."""
     law = [(start, 0.0)]
     for pull, innovation in zip(pulls[:-1], innovations[:-1], strict=True):
-        factor = 1 + DRIFT * DT - pull
+        factor = 1 + DRIFT * SCALAR_DT - pull
         mean, variance = law[-1]
         law.append((factor * mean, factor**2 * variance + innovation))
     means, variances = np.array(law).T

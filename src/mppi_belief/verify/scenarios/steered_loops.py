@@ -27,11 +27,11 @@ from ..estimates import standard_error
 from . import steered_platform
 from .steered_platform import PlatformExcess, PlatformOptimum
 
-SAMPLES = (64, 512)  # N
-TRIALS = 400
+STEERED_SAMPLES = (64, 512)  # N
+STEERED_TRIALS = 400
 UNLIMITED = 1e6  # signal-to-noise ratio of a sensor without limit; it needs up to 3
 LIMIT = 0.5  # largest signal-to-noise ratio of the limited sensor
-BATCH = 50  # trials simulated side by side
+STEERED_BATCH = 50  # trials simulated side by side
 
 
 class SteeredLoops(NamedTuple):
@@ -48,8 +48,8 @@ def platform_algorithm(samples: int) -> MPPI:
     """
     return MPPI(
         n_samples=samples,
-        horizon=steered_platform.HORIZON,
-        temperature=steered_platform.TEMPERATURE,
+        horizon=steered_platform.PLATFORM_HORIZON,
+        temperature=steered_platform.PLATFORM_TEMPERATURE,
         path_cost=RiskSensitive(at_step_end=False),
         sampler=InnovationSampler(),
         schedule=SharedCovariance(method="filter"),
@@ -69,7 +69,9 @@ def steered_closed_loops(
         return metrics(limited, done).cost, 0.5 * jnp.sum(e @ optimum.S * e)
 
     def trials(limit: Array) -> tuple[Array, Array]:
-        return jax.lax.map(lambda trial: loop(limit, trial), jnp.arange(TRIALS), batch_size=BATCH)
+        return jax.lax.map(
+            lambda trial: loop(limit, trial), jnp.arange(STEERED_TRIALS), batch_size=STEERED_BATCH
+        )
 
     run = jax.jit(trials, compiler_options={"xla_backend_optimization_level": 1})
     return [SteeredLoops(*map(np.asarray, run(jnp.asarray(float(limit))))) for limit in limits]
@@ -82,12 +84,12 @@ def platform_results(seed: int) -> tuple[list[Check], Panel]:
     best = steered_platform.platform_optimal_cost(optimum)
     few, many = (
         steered_closed_loops(optimum, problem, samples, seed, [UNLIMITED, LIMIT])
-        for samples in SAMPLES
+        for samples in STEERED_SAMPLES
     )
     matched = [few[0], many[0]]
     limited = [few[1].form, many[1].form]
     checks = loop_checks(matched, limited, predicted, best)
-    return checks, _excess_panel([loops.form for loops in matched], limited, predicted, best)
+    return checks, _platform_panel([loops.form for loops in matched], limited, predicted, best)
 
 
 def infinite_sample_excess(forms: Sequence[np.ndarray]) -> np.ndarray:
@@ -95,7 +97,7 @@ def infinite_sample_excess(forms: Sequence[np.ndarray]) -> np.ndarray:
 
     The excess is taken to be a + c/N.
     """
-    few, many = SAMPLES
+    few, many = STEERED_SAMPLES
     return (many * forms[1] - few * forms[0]) / (many - few)
 
 
@@ -106,8 +108,8 @@ def loop_checks(
     best: float,
 ) -> list[Check]:
     """Returns checks of loops with the matched sensor and forms with the limited one."""
-    few, many = SAMPLES
-    degrees = TRIALS - 1
+    few, many = STEERED_SAMPLES
+    degrees = STEERED_TRIALS - 1
     both = f"N = {few} and {many}"
     forms = [loop.form for loop in loops]
 
@@ -116,8 +118,8 @@ def loop_checks(
     cost_errors = [standard_error(loop.cost - loop.form) for loop in loops]
 
     # The form is c/N, up to the next term.
-    expected = predicted.per_sample / np.array(SAMPLES)
-    next_terms = predicted.next_term / np.array(SAMPLES)
+    expected = predicted.per_sample / np.array(STEERED_SAMPLES)
+    next_terms = predicted.next_term / np.array(STEERED_SAMPLES)
     means = np.array([form.mean() for form in forms])
     errors = np.array([standard_error(form) for form in forms])
     unexplained = np.maximum(np.abs(means - expected) - expected * next_terms, 0) / errors
@@ -165,13 +167,13 @@ def loop_checks(
     ]
 
 
-def _excess_panel(
+def _platform_panel(
     forms: Sequence[np.ndarray],
     limited: Sequence[np.ndarray],
     predicted: PlatformExcess,
     best: float,
 ) -> Panel:
-    grid = np.geomspace(*SAMPLES, 40)
+    grid = np.geomspace(*STEERED_SAMPLES, 40)
     lines = [
         Line("c/N, predicted", grid.tolist(), list(100 * predicted.per_sample / grid / best)),
         _form_points("sensor chosen to match", forms, best),
@@ -190,9 +192,9 @@ def _form_points(label: str, forms: Sequence[np.ndarray], best: float) -> Line:
     """Returns means over trials with intervals, in per cent of the optimum."""
     means = np.array([form.mean() for form in forms])
     errors = np.array([standard_error(form) for form in forms])
-    half_width = quantile(1, TRIALS - 1) * errors
+    half_width = quantile(1, STEERED_TRIALS - 1) * errors
     low, high = (
         list(100 * end / best)
         for end in (np.maximum(means - half_width, means / 10), means + half_width)
     )
-    return Line(label, list(SAMPLES), list(100 * means / best), "points", low, high)
+    return Line(label, list(STEERED_SAMPLES), list(100 * means / best), "points", low, high)

@@ -28,18 +28,18 @@ from ...costs import GoalObstacleCost
 from ...problem import Problem
 from ...systems import Steered
 
-TEMPERATURE = 1.0  # lambda
-DT = 0.2
-STEPS = 10  # of a trial
-HORIZON = 5  # H of the planner
+PLATFORM_TEMPERATURE = 1.0  # lambda
+PLATFORM_DT = 0.2
+PLATFORM_STEPS = 10  # of a trial
+PLATFORM_HORIZON = 5  # H of the planner
 STIFFNESS = 1.0
 DRAG = 0.5
 GUSTS = 0.7  # process noise
 CONTROL_WEIGHT = 3.0
-NOISE = 0.3  # sigma_o
-WEIGHTS = (2.0, 2.0, 0.5, 0.5)  # running weights of the state
-START = (0.4, -0.2, 0.0, 0.0)  # prior mean
-SPREAD = 0.5  # prior standard deviation
+PLATFORM_NOISE = 0.3  # sigma_o
+PLATFORM_WEIGHTS = (2.0, 2.0, 0.5, 0.5)  # running weights of the state
+PLATFORM_START = (0.4, -0.2, 0.0, 0.0)  # prior mean
+PLATFORM_STD = 0.5  # prior standard deviation
 
 
 class PlatformOptimum(NamedTuple):
@@ -66,13 +66,13 @@ def platform() -> tuple[Problem, PlatformOptimum]:
     A = np.block([[zero, identity], [-STIFFNESS * identity, -DRAG * identity]])
     G = np.vstack([zero, identity])
     R = CONTROL_WEIGHT * identity
-    q = np.diag(WEIGHTS)
+    q = np.diag(PLATFORM_WEIGHTS)
 
     # The discrete optimum.
-    F = np.eye(4) + DT * A
-    B = DT * G
-    P = solve_discrete_are(F, B, q * DT, R * DT)
-    S = R * DT + B.T @ P @ B
+    F = np.eye(4) + PLATFORM_DT * A
+    B = PLATFORM_DT * G
+    P = solve_discrete_are(F, B, q * PLATFORM_DT, R * PLATFORM_DT)
+    S = R * PLATFORM_DT + B.T @ P @ B
     K = np.linalg.solve(S, B.T @ P @ F)
 
     plant: dict[str, Any] = {
@@ -80,22 +80,22 @@ def platform() -> tuple[Problem, PlatformOptimum]:
         "B": G,
         "C": np.eye(2, 4),
         "channel": GUSTS * G,
-        "sensor_noise": np.full(2, NOISE),
+        "sensor_noise": np.full(2, PLATFORM_NOISE),
     }
-    system = Steered(**plant, temperature=TEMPERATURE, selector="matched")
+    system = Steered(**plant, temperature=PLATFORM_TEMPERATURE, selector="matched")
     cost = GoalObstacleCost(
         goal=jnp.zeros(4),
-        running_weight=jnp.array(WEIGHTS),
+        running_weight=jnp.array(PLATFORM_WEIGHTS),
         terminal_weight=(P + P.T) / 2,
         control_weight=jnp.asarray(R),
     )
     problem = Problem(
         system,
         cost,
-        prior_mean=jnp.array(START),
-        prior_std=jnp.full(4, SPREAD),
-        dt=DT,
-        steps=STEPS,
+        prior_mean=jnp.array(PLATFORM_START),
+        prior_std=jnp.full(4, PLATFORM_STD),
+        dt=PLATFORM_DT,
+        steps=PLATFORM_STEPS,
         noise_convention="intensity",
     )
     return problem, PlatformOptimum(F, B, P, K, S)
@@ -105,19 +105,19 @@ def matched_filter_law(optimum: PlatformOptimum) -> tuple[np.ndarray, np.ndarray
     """Returns the covariances (K, 4, 4) of the matched filter before each step, and D dt (4, 4)."""
     F = optimum.F
     B = optimum.B
-    innovation = TEMPERATURE * B @ B.T / (CONTROL_WEIGHT * DT)
-    covs = [SPREAD**2 * np.eye(4)]
-    for _ in range(STEPS - 1):
-        covs.append(F @ covs[-1] @ F.T + GUSTS**2 * B @ B.T / DT - innovation)
+    innovation = PLATFORM_TEMPERATURE * B @ B.T / (CONTROL_WEIGHT * PLATFORM_DT)
+    covs = [PLATFORM_STD**2 * np.eye(4)]
+    for _ in range(PLATFORM_STEPS - 1):
+        covs.append(F @ covs[-1] @ F.T + GUSTS**2 * B @ B.T / PLATFORM_DT - innovation)
     return np.array(covs), innovation
 
 
 def platform_optimal_cost(optimum: PlatformOptimum) -> float:
     """Returns the cost of LQG with the matched sensor, by the separation principle."""
     covs, _ = matched_filter_law(optimum)
-    start = np.array(START)
-    noise = GUSTS**2 * optimum.B @ optimum.B.T / DT
-    known_state = start @ optimum.P @ start + np.sum(optimum.P * (covs[0] + STEPS * noise))
+    start = np.array(PLATFORM_START)
+    noise = GUSTS**2 * optimum.B @ optimum.B.T / PLATFORM_DT
+    known_state = start @ optimum.P @ start + np.sum(optimum.P * (covs[0] + PLATFORM_STEPS * noise))
     feedback = np.sum(optimum.K.T @ optimum.S @ optimum.K * covs.sum(axis=0))
     return 0.5 * float(known_state + feedback)
 
@@ -134,31 +134,31 @@ def weighted_recursion(
     B = optimum.B
     P = optimum.P
     constant = 0.0
-    for _ in range(HORIZON):
-        S = R * DT + B.T @ P @ B
+    for _ in range(PLATFORM_HORIZON):
+        S = R * PLATFORM_DT + B.T @ P @ B
         K = np.linalg.solve(S, B.T @ P @ F)
-        constant += 0.5 * (np.linalg.slogdet(S)[1] - np.linalg.slogdet(R * DT)[1])
-        P = np.diag(WEIGHTS) * DT + F.T @ P @ (F - B @ K)
+        constant += 0.5 * (np.linalg.slogdet(S)[1] - np.linalg.slogdet(R * PLATFORM_DT)[1])
+        P = np.diag(PLATFORM_WEIGHTS) * PLATFORM_DT + F.T @ P @ (F - B @ K)
     return P, constant, K, tau * np.linalg.inv(S)
 
 
 def platform_excess(optimum: PlatformOptimum) -> PlatformExcess:
     """Returns the excess cost of Algorithm 1, as derived above."""
     R = CONTROL_WEIGHT * np.eye(2)
-    P, constant, _, _ = weighted_recursion(optimum, R, TEMPERATURE)
-    P2, constant2, K2, V2 = weighted_recursion(optimum, R / 2, TEMPERATURE / 2)
-    Gamma = (P - P2) / TEMPERATURE
+    P, constant, _, _ = weighted_recursion(optimum, R, PLATFORM_TEMPERATURE)
+    P2, constant2, K2, V2 = weighted_recursion(optimum, R / 2, PLATFORM_TEMPERATURE / 2)
+    Gamma = (P - P2) / PLATFORM_TEMPERATURE
     gain_change = optimum.K - K2
 
     # The law of mu along the optimal loop.
-    mean = np.array(START)
+    mean = np.array(PLATFORM_START)
     cov = np.zeros((4, 4))
     _, innovation = matched_filter_law(optimum)
     closed_loop = optimum.F - optimum.B @ optimum.K
 
     total = 0.0
     largest_ratio = 0.0
-    for _ in range(STEPS):
+    for _ in range(PLATFORM_STEPS):
         # The Gaussian integrals of r(mu) and of r(mu) mu mu' over this law.
         narrowing = np.linalg.inv(np.eye(4) - 2 * cov @ Gamma)
         shifted = narrowing @ mean

@@ -16,7 +16,7 @@ from scipy.special import logsumexp
 
 from .scalar_equations import ScalarEquation
 
-NODES = 24  # of the Gauss-Hermite rule
+HERMITE_NODES = 24  # of the Gauss-Hermite rule
 KNOT_SPACING = 0.04  # of the splines
 SPLINE_DEGREE = 5
 
@@ -64,7 +64,7 @@ class DiscreteExpectation:
 
     def _node_terms(self, mu: np.ndarray, log_psi: BSpline) -> tuple[np.ndarray, np.ndarray]:
         """Returns the log of node weight times Psi (n, nodes), and L eps at the nodes (nodes,)."""
-        nodes, weights = hermegauss(NODES)
+        nodes, weights = hermegauss(HERMITE_NODES)
         pushed = np.sqrt(self.equation.diffusion * self.dt) * nodes
         drifted = np.asarray(mu)[:, None] * (1 + self.equation.drift * self.dt)
         return log_psi(drifted + pushed) + np.log(weights / weights.sum()), pushed

@@ -20,7 +20,7 @@ from .scalar_equations import (
 )
 
 TriBands = tuple[np.ndarray, np.ndarray, np.ndarray]  # below, on and above the diagonal, (n,) each
-TOLERANCE = 1e-9  # of LSODA, absolute and relative
+LSODA_TOLERANCE = 1e-9  # of LSODA, absolute and relative
 
 
 def solve_desirability(equation: ScalarEquation, grid: MeanGrid) -> np.ndarray:
@@ -37,7 +37,7 @@ def solve_desirability(equation: ScalarEquation, grid: MeanGrid) -> np.ndarray:
     psi = np.empty((len(grid.times), len(grid.points)))
     psi[-1] = np.exp(-equation.terminal(grid.points) / equation.temperature)
     for k in range(len(psi) - 2, -1, -1):
-        explicit = psi[k + 1] + grid.dt / 2 * _multiply(bands, psi[k + 1])
+        explicit = psi[k + 1] + grid.dt / 2 * _banded_product(bands, psi[k + 1])
         psi[k] = _implicit_half_step(bands, explicit, ends[k], grid.dt)
     return psi
 
@@ -74,8 +74,8 @@ def solve_value(equation: ScalarEquation, grid: MeanGrid) -> tuple[np.ndarray, f
         equation.terminal(mu)[1:-1],
         "LSODA",
         equation.duration - grid.times[::-1],
-        rtol=TOLERANCE,
-        atol=TOLERANCE,
+        rtol=LSODA_TOLERANCE,
+        atol=LSODA_TOLERANCE,
         lband=2,
         uband=2,
     )
@@ -83,7 +83,7 @@ def solve_value(equation: ScalarEquation, grid: MeanGrid) -> tuple[np.ndarray, f
         raise RuntimeError(solution.message)
     ends = end_values(equation, equation.authority, grid)
     V = np.column_stack([ends[:, 0], solution.y.T[::-1], ends[:, 1]])
-    return V, float(solution.nfev * TOLERANCE * (1 + np.max(np.abs(V))))
+    return V, float(solution.nfev * LSODA_TOLERANCE * (1 + np.max(np.abs(V))))
 
 
 def _mean_generator(equation: ScalarEquation, grid: MeanGrid) -> TriBands:
@@ -97,7 +97,7 @@ def _mean_generator(equation: ScalarEquation, grid: MeanGrid) -> TriBands:
     return bands
 
 
-def _multiply(bands: TriBands, v: np.ndarray) -> np.ndarray:
+def _banded_product(bands: TriBands, v: np.ndarray) -> np.ndarray:
     lower, centre, upper = bands
     product = centre * v
     product[1:-1] += lower[1:-1] * v[:-2] + upper[1:-1] * v[2:]
