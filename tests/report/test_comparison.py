@@ -10,7 +10,7 @@ from scipy import stats
 
 from mppi_belief.report.cell_results import CellResults, paired_rows
 from mppi_belief.report.comparison import method_differences
-from mppi_belief.report.elements import write_table
+from mppi_belief.report.elements import write_page_table
 from mppi_belief.report.sections.table_1 import table_1_frame, table_1_latex
 from report_helpers import lost, random_trials, read, rows_on_disk, setting, store, trials
 from study_helpers import row
@@ -88,7 +88,7 @@ def test_the_text_says_what_is_in_the_files(founds, disk):
 
 
 def test_the_csv_has_the_numbers_in_full(founds, disk, tmp_path):
-    write_table(tmp_path, "table_1", "Table I", table_1_frame(founds), founds)
+    write_page_table(tmp_path, "table_1", "Table I", table_1_frame(founds), founds)
     written = pd.read_csv(tmp_path / "table_1.csv")
     assert written["controller"].tolist() == [*METHODS]
     for (_, line), rows in zip(written.iterrows(), disk.values(), strict=True):
@@ -113,7 +113,7 @@ def test_the_csv_has_the_numbers_in_full(founds, disk, tmp_path):
 
 
 def test_markdown_has_a_cell_for_every_column(founds, tmp_path):
-    write_table(tmp_path, "table_1", "Table I", table_1_frame(founds), founds)
+    write_page_table(tmp_path, "table_1", "Table I", table_1_frame(founds), founds)
     head, rule, *lines = (tmp_path / "table_1.md").read_text().splitlines()
     assert [cell.strip() for cell in head.strip("|").split("|")] == [*table_1_frame(founds).columns]
     assert set(rule) == set("| -")
@@ -245,5 +245,5 @@ def test_a_table_of_nothing_and_of_failures_can_be_written(tmp_path):
     assert frame["Trials"].tolist() == ["0", "0"]
     assert set(frame[["Cost", "Collision %", "Time ms (p95)"]].to_numpy().ravel()) == {"-"}
     assert [cells[1:4] for cells in body_of(table_1_latex(founds))] == [["--"] * 3] * 2
-    write_table(tmp_path, "table_1", "Table I", frame, founds)
+    write_page_table(tmp_path, "table_1", "Table I", frame, founds)
     assert pd.read_csv(tmp_path / "table_1.csv")["failed"].tolist() == [0, 2]

@@ -10,7 +10,7 @@ import pytest
 from matplotlib.figure import Figure
 
 import browser
-from mppi_belief.report.page import Page, Picture, Section, Table, render
+from mppi_belief.report.page import Page, PageTable, Picture, Section, render
 
 VOID = {"meta", "link", "img", "br", "hr"}
 HOSTILE = """<script>alert("x")</script> & 'quotes' </td>"""
@@ -65,7 +65,7 @@ def draw(path: Path, size: tuple[float, float], title: str) -> None:
     figure.savefig(path, dpi=200)
 
 
-def table_1() -> Table:
+def table_1() -> PageTable:
     frame = pd.DataFrame(
         {
             "Method": METHODS,
@@ -90,7 +90,7 @@ def table_1() -> Table:
             ],
         }
     )
-    return Table(
+    return PageTable(
         "table-1",
         "Four controllers on the light-dark domain, 200 trials each",
         frame,
@@ -98,7 +98,7 @@ def table_1() -> Table:
     )
 
 
-def wide_table() -> Table:
+def wide_table() -> PageTable:
     cells = [
         [name, *(f"{row + column / 8:.2f} ± 6.2" for column in range(8))]
         for row, name in enumerate(METHODS)
@@ -108,7 +108,7 @@ def wide_table() -> Table:
         *(f"w_obs = {weight}" for weight in (100, 200, 500, 1000, 2000, 2500, 5000, 10000)),
     ]
     caption = "Base cost without obstacle penalties by `w_obs`: mean and standard deviation over 200 trials per point"
-    return Table("sweep", caption, pd.DataFrame(cells, columns=names))
+    return PageTable("sweep", caption, pd.DataFrame(cells, columns=names))
 
 
 @pytest.fixture(scope="module")
@@ -183,7 +183,7 @@ def everywhere(text: str, warnings: int = 2) -> Page:
     """A page with one text in every field."""
     frame = pd.DataFrame([[text, "1"], ["2", text]], columns=[text, text + " "])
     section = Section(
-        text, [text, text], [Table(text, text, frame)], [Picture(f"{text}.png", text)]
+        text, [text, text], [PageTable(text, text, frame)], [Picture(f"{text}.png", text)]
     )
     return Page(text, text, [text] * warnings, [section, section], [(text, text)])
 
@@ -288,7 +288,7 @@ def test_words(cell, folder):
 
 def kinds(cells: list[str], folder: Path) -> str:
     """The kind of a column, as the page has it."""
-    table = Table("t", "c", pd.DataFrame({"name": cells}))
+    table = PageTable("t", "c", pd.DataFrame({"name": cells}))
     return Parsed(render(Page("t", "l", [], [Section("s", [], [table])], []), folder)).all("th")[0][
         "class"
     ]

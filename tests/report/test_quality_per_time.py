@@ -18,7 +18,7 @@ from mppi_belief.report.cell_results import CellResults
 from mppi_belief.report.sections import study_sections
 from mppi_belief.report.sections.quality_per_time import (
     ABOVE,
-    TOLERANCE,
+    GOOD_ENOUGH,
     advice,
     collision_range,
     quality_frame,
@@ -149,7 +149,9 @@ def test_the_quickest_that_is_good_enough_is_named_beside_the_best():
     assert advice(cells[1:] + cells[:1]) == sentence
 
 
-@pytest.mark.parametrize(("share", "enough"), [(TOLERANCE - 1e-3, True), (TOLERANCE + 1e-3, False)])
+@pytest.mark.parametrize(
+    ("share", "enough"), [(GOOD_ENOUGH - 1e-3, True), (GOOD_ENOUGH + 1e-3, False)]
+)
 def test_good_enough_is_a_part_of_the_least_cost(share, enough):
     cells = [found("ce", 50, 50.0 * (1 + share), 0.2), found("ce", 500, 50.0, 0.4)]
     assert (

@@ -143,7 +143,7 @@ def read_cell_results(
 
 
 def _position_first(steps: pd.DataFrame, scene: dict[str, Any] | None) -> pd.DataFrame:
-    """Returns the steps with the position in front of the other components of state, mean and cov."""
+    """Returns the steps with the position as the first components of state, mean and cov."""
     position = (scene or {}).get("position", [])
     if steps.empty or position == list(range(len(position))):
         return steps

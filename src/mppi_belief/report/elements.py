@@ -9,9 +9,9 @@ from matplotlib.figure import Figure
 
 from .cell_results import CellResults, differing_labels
 from .figures.style import save_png_and_pdf
-from .figures.trajectories import PathPanel, compare_paths, path_panel
+from .figures.trajectories import PathPanel, cell_panel, compare_paths
 from .frame_files import write_frame
-from .page import Picture, Table
+from .page import PageTable, Picture
 from .summary import interval_text, summarise_trials, summary_numbers, summary_text
 
 COMPARED_METHODS = ("belief_joint", "belief", "ce", "ilqg")  # of pictures of paths, in this order
@@ -33,13 +33,13 @@ def cell_lines(cells: Sequence[CellResults]) -> pd.DataFrame:
     return pd.DataFrame(lines).fillna("-")
 
 
-def write_table(
+def write_page_table(
     folder: Path,
     stem: str,
     caption: str,
     frame: pd.DataFrame,
     cells: Sequence[CellResults] | None = None,
-) -> Table:
+) -> PageTable:
     """Writes a table of the page as STEM.md and STEM.csv, and returns it.
 
     The CSV file has the numbers of `cells` in full precision or, without cells, the text of
@@ -50,7 +50,7 @@ def write_table(
         lines = [summary_numbers(cell.rows, cell.labels, cell.seconds) for cell in cells]
         numbers = pd.DataFrame(lines)
     write_frame(folder, stem, frame, numbers)
-    return Table(stem, caption, frame)
+    return PageTable(stem, caption, frame)
 
 
 def write_picture(folder: Path, stem: str, figure: Figure | None, alt: str) -> list[Picture]:
@@ -86,4 +86,4 @@ def write_paths_of_methods(
     """Writes the paths of the cells of `COMPARED_METHODS` in the plane, a panel each."""
     shown = [cell for cell in cells if cell.method in COMPARED_METHODS]
     shown.sort(key=lambda cell: COMPARED_METHODS.index(cell.method))
-    return write_path_panels(folder, stem, [path_panel(cell, cell.name) for cell in shown], alt)
+    return write_path_panels(folder, stem, [cell_panel(cell, cell.name) for cell in shown], alt)

@@ -14,7 +14,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
 
 
-class Table(NamedTuple):
+class PageTable(NamedTuple):
     """Holds a table of text. The first column heads the rows; the frame's index is not shown."""
 
     stem: str  # of the files beside the page that hold the table: STEM.csv, STEM.md, STEM.tex
@@ -35,7 +35,7 @@ class Section(NamedTuple):
 
     title: str
     text: Sequence[str]  # paragraphs
-    tables: Sequence[Table] = ()
+    tables: Sequence[PageTable] = ()
     pictures: Sequence[Picture] = ()
 
 
@@ -159,7 +159,7 @@ def _picture_files(folder: Path, picture: Picture) -> list[tuple[str, str]]:
     return _existing_files(folder, stem, ("png", "gif", "pdf"))
 
 
-def _table_files(folder: Path, table: Table) -> list[tuple[str, str]]:
+def _table_files(folder: Path, table: PageTable) -> list[tuple[str, str]]:
     """Returns the links to the files of a table."""
     return _existing_files(folder, table.stem, ("csv", "md", "tex"))
 

@@ -50,7 +50,7 @@ class PathPanel(NamedTuple):
     title: str
 
 
-def path_panel(cell: CellResults, title: str) -> PathPanel | None:
+def cell_panel(cell: CellResults, title: str) -> PathPanel | None:
     """Returns the panel of a cell's good trials; None where no paths in a plane were kept."""
     kept = kept_in_plane(cell)
     if kept is None:

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from ..cell_results import CellResults, Studies
-from ..elements import cell_lines, write_table
+from ..elements import cell_lines, write_page_table
 from ..page import Section
 from .controlled_sensing import controlled_sensing_section
 from .diffusion import diffusion_section
@@ -75,4 +75,6 @@ def study_sections(studies: Studies, folder: Path) -> list[Section]:
 def _general_section(name: str, cells: list[CellResults], folder: Path) -> Section:
     """Builds the section of a study that has no module here: the table of its cells."""
     stem = name.replace("/", "_")
-    return Section(name, [], [write_table(folder, stem, "All cells", cell_lines(cells), cells)])
+    return Section(
+        name, [], [write_page_table(folder, stem, "All cells", cell_lines(cells), cells)]
+    )

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from ..cell_results import CellResults
 from ..comparison import cost_difference
-from ..elements import cell_lines, cost_text, write_picture, write_table
+from ..elements import cell_lines, cost_text, write_page_table, write_picture
 from ..figures.sensing import SENSORS, sensing_figure
 from ..page import Section
 from ..summary import interval_text
@@ -38,7 +38,7 @@ def controlled_sensing_section(cells: list[CellResults], folder: Path) -> Sectio
             "velocity only. With a limit on its signal-to-noise ratio a residual of (15) remains, "
             "and Algorithm 1 costs more.",
         ],
-        [write_table(folder, stem, caption, cell_lines(cells), cells)],
+        [write_page_table(folder, stem, caption, cell_lines(cells), cells)],
         write_picture(folder, stem, sensing_figure(unlimited, limited), alt),
     )
 

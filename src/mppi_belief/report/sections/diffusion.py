@@ -4,19 +4,19 @@ from pathlib import Path
 
 from ..cell_results import CellResults
 from ..comparison import method_differences
-from ..elements import cell_lines, write_table
+from ..elements import cell_lines, write_page_table
 from ..page import Section
 
 
 def diffusion_section(cells: list[CellResults], folder: Path) -> Section:
     """Builds the section: the table of all cells, and per system the differences to LQG."""
     caption = "Two systems, three controllers, theta = 0"
-    tables = [write_table(folder, "diffusion", caption, cell_lines(cells), cells)]
+    tables = [write_page_table(folder, "diffusion", caption, cell_lines(cells), cells)]
     for system in dict.fromkeys(cell.system for cell in cells):
         pairs = method_differences([cell for cell in cells if cell.system == system], "lqg")
         if len(pairs):
             caption = f"LQG against each controller, trial by trial: {system}"
-            tables.append(write_table(folder, f"diffusion_{system}", caption, pairs))
+            tables.append(write_page_table(folder, f"diffusion_{system}", caption, pairs))
     return Section(
         "Matched diffusion or Algorithm 1 as printed",
         [

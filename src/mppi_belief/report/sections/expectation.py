@@ -4,7 +4,7 @@ from pathlib import Path
 
 from .. import published
 from ..cell_results import CellResults
-from ..elements import cell_lines, collision_text, write_table
+from ..elements import cell_lines, collision_text, write_page_table
 from ..page import Section
 
 EXPECTATION_KEY = "controller.path_cost.expectation"
@@ -30,5 +30,5 @@ def expectation_section(cells: list[CellResults], folder: Path) -> Section:
             "CE-MPPI, path by path, and theta adds nothing but the variance. Trials that collide "
             f"at theta = 0: {', '.join(rates)}; the paper has {paper:g} %."
         ],
-        [write_table(folder, "expectation", caption, cell_lines(cells), cells)],
+        [write_page_table(folder, "expectation", caption, cell_lines(cells), cells)],
     )

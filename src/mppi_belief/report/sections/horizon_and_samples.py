@@ -4,7 +4,7 @@ from pathlib import Path
 
 from .. import published
 from ..cell_results import CellResults
-from ..elements import cell_lines, collision_text, cost_text, write_picture, write_table
+from ..elements import cell_lines, collision_text, cost_text, write_page_table, write_picture
 from ..figures.diagnostics import HORIZON_KEY, SAMPLES_KEY, ess_figure
 from ..page import Section
 
@@ -22,6 +22,6 @@ def horizon_and_samples_section(cells: list[CellResults], folder: Path) -> Secti
     return Section(
         "Horizon and number of samples",
         [f"Collisions and cost at the paper's horizon: {'; '.join(results)}."],
-        [write_table(folder, stem, caption, cell_lines(cells), cells)],
+        [write_page_table(folder, stem, caption, cell_lines(cells), cells)],
         write_picture(folder, stem, ess_figure(cells), alt),
     )

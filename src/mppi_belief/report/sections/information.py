@@ -8,8 +8,8 @@ from ..elements import (
     cell_lines,
     collision_text,
     cost_text,
+    write_page_table,
     write_paths_of_methods,
-    write_table,
 )
 from ..page import Section
 
@@ -21,11 +21,11 @@ def information_section(cells: list[CellResults], folder: Path) -> Section:
         for cell in cells
         if len(cell.good)
     ]
-    tables = [write_table(folder, "information", "Every method", cell_lines(cells), cells)]
+    tables = [write_page_table(folder, "information", "Every method", cell_lines(cells), cells)]
     pairs = method_differences(cells, "belief_joint")
     if len(pairs):
         caption = "A covariance per path against each method, trial by trial"
-        tables.append(write_table(folder, "information_differences", caption, pairs))
+        tables.append(write_page_table(folder, "information_differences", caption, pairs))
     alt = (
         "Paths in the plane: one planner goes to the light first, the others cross the gap in the "
         "dark or wait"

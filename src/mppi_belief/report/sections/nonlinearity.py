@@ -13,7 +13,7 @@ from ..comparison import cost_difference
 from ..elements import collision_text, write_picture
 from ..figures.filter_consistency import ConsistencyPoint, consistency_figure
 from ..frame_files import write_frame
-from ..page import Section, Table
+from ..page import PageTable, Section
 from ..statistics import (
     NO_ESTIMATE,
     Estimate,
@@ -52,7 +52,7 @@ def nonlinearity_section(cells: list[CellResults], folder: Path) -> Section:
             "filter has; a few lost trials dominate a mean.",
             *verdicts(points),
         ],
-        [Table("consistency", "Every system, filter and curvature", frame)],
+        [PageTable("consistency", "Every system, filter and curvature", frame)],
         write_picture(folder, "consistency", consistency_figure(points), alt),
     )
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from ..cell_results import CellResults
 from ..comparison import cost_difference
-from ..elements import cell_lines, write_picture, write_table
+from ..elements import cell_lines, write_page_table, write_picture
 from ..figures.sampling_efficiency import PROPOSAL_KEY, proposals_figure
 from ..page import Section
 from ..statistics import Estimate
@@ -44,7 +44,7 @@ def proposals_section(cells: list[CellResults], folder: Path) -> Section:
             "still comes from the nominal. For many samples both give the same control.",
             " ".join([*_ess_gain(cells), *_savings(main_cells)]),
         ],
-        [write_table(folder, "proposals", caption, frame, cells)],
+        [write_page_table(folder, "proposals", caption, frame, cells)],
         write_picture(folder, "proposals", proposals_figure(main_cells), alt),
     )
 

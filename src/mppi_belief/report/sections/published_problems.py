@@ -9,7 +9,7 @@ import pandas as pd
 
 from ..cell_results import CellResults
 from ..comparison import method_differences
-from ..elements import cost_text, write_paths_of_methods, write_table
+from ..elements import cost_text, write_page_table, write_paths_of_methods
 from ..page import Section
 from ..statistics import mean_interval, proportion_interval
 from ..summary import interval_text
@@ -55,12 +55,12 @@ def _published_problem(
         for cell in cells
         if len(cell.good)
     ]
-    tables = [write_table(folder, study, "Every method", problem_frame(cells), cells)]
+    tables = [write_page_table(folder, study, "Every method", problem_frame(cells), cells)]
     pairs = method_differences(cells, "belief_joint")
     if len(pairs):
         caption = "A covariance per path against each method, trial by trial"
         pairs = pairs[["Difference", "Pairs", "Cost [95 %]"]]
-        tables.append(write_table(folder, f"{study}_differences", caption, pairs))
+        tables.append(write_page_table(folder, f"{study}_differences", caption, pairs))
     alt = "Paths in the plane: which planners go to the light before the goal"
     return Section(
         f"Beyond the paper: the light-dark domain of {authors}",

@@ -9,7 +9,7 @@ import pandas as pd
 
 from ..cell_results import CellResults, by_method, differing_labels
 from ..comparison import collision_difference, cost_difference
-from ..elements import cost_text, write_picture, write_table
+from ..elements import cost_text, write_page_table, write_picture
 from ..figures.quality import quality_figure
 from ..figures.style import method_order
 from ..page import Section
@@ -27,7 +27,7 @@ QUALITY_COLUMNS = (
     "ESS",
     "trials",
 )
-TOLERANCE = 0.05  # of the lowest cost; a setting within it counts as good enough; a choice
+GOOD_ENOUGH = 0.05  # of the lowest cost; a setting within it counts as good enough; a choice
 
 
 def quality_per_time_section(cells: list[CellResults], folder: Path) -> Section:
@@ -50,10 +50,10 @@ def quality_per_time_section(cells: list[CellResults], folder: Path) -> Section:
         [
             "The settings of a method are compared trial by trial, since all met the same noise. A "
             f"setting is good enough here if the 95 % interval of its cost above the best setting "
-            f"ends below {100 * TOLERANCE:g} % of the best cost.{_real_time(cells)}",
+            f"ends below {100 * GOOD_ENOUGH:g} % of the best cost.{_real_time(cells)}",
             *verdicts,
         ],
-        [write_table(folder, stem, caption, quality_frame(groups), [*chain(*groups)])],
+        [write_page_table(folder, stem, caption, quality_frame(groups), [*chain(*groups)])],
         write_picture(folder, stem, quality_figure(cells), alt),
     )
 
@@ -95,7 +95,7 @@ def advice(cells: Sequence[CellResults]) -> str:
         return f"{best.name}: the best is {best_text}, and not all settings were timed"
 
     # The best cell itself ends the search at the latest.
-    bound = TOLERANCE * summarise_trials(best.rows, None).cost.value
+    bound = GOOD_ENOUGH * summarise_trials(best.rows, None).cost.value
     quickest = next(
         cell
         for cell in _by_time(sound)

@@ -10,7 +10,7 @@ import pandas as pd
 
 from .. import published
 from ..cell_results import CellResults, Studies, by_method
-from ..elements import write_table
+from ..elements import write_page_table
 from ..page import Section
 from ..statistics import mean_z, proportion_z, spread_z
 from ..summary import TrialSummary, summarise_trials
@@ -46,11 +46,11 @@ def reproduction_sections(studies: Studies, folder: Path) -> list[Section]:
         if len(frame):
             stem = f"reproduction_{kind.replace(' ', '_')}"
             caption = f"{kind.capitalize().replace(' ', '-')} numbers, z in standard errors"
-            tables.append(write_table(folder, stem, caption, frame))
+            tables.append(write_page_table(folder, stem, caption, frame))
     values = _open_values(table_1)
     if len(values):
         caption = "What the paper leaves open, with the calibrated values"
-        tables.append(write_table(folder, "calibrated", caption, values))
+        tables.append(write_page_table(folder, "calibrated", caption, values))
 
     text = (
         "The paper leaves about ten numbers open. They were fitted to the costs, spreads and "

@@ -29,7 +29,8 @@ def residual_sections(cells: Sequence[CellResults], folder: Path) -> list[Sectio
         "The control acts on the velocity only, so only the velocity block of the diffusion can be "
         "matched (Proposition 3). Whatever the weight, the residual of (15) along a trial of "
         f"MPPI-Belief is never below {' and '.join(lowest)}. The paper prints "
-        f"{published.RESIDUAL}; the steady state in the light with sigma_o as an intensity has 0.80."
+        f"{published.RESIDUAL}; the steady state in the light, with sigma_o as an intensity, is "
+        "0.80."
     )
     pictures = write_picture(folder, "matching", residual_figure(recorded[0]), alt)
     return [Section("The matching residual", [text], [], pictures)]

@@ -10,7 +10,7 @@ import pandas as pd
 from .. import published
 from ..cell_results import CellResults, cell_titles
 from ..comparison import method_differences
-from ..elements import collision_text, cost_text, write_picture, write_table
+from ..elements import collision_text, cost_text, write_page_table, write_picture
 from ..figures.animation import write_animation
 from ..figures.trajectories import figure_1
 from ..frame_files import write_text_file
@@ -25,7 +25,7 @@ def table_1_section(cells: list[CellResults], folder: Path) -> Section:
     # Table I, with the lowest collision rate in bold.
     write_text_file(folder / "table_1.tex", table_1_latex(cells))
     caption = "Table I. Cost: mean ± standard deviation"
-    table = write_table(folder, "table_1", caption, table_1_frame(cells), cells)
+    table = write_page_table(folder, "table_1", caption, table_1_frame(cells), cells)
     rates = [float(cell.collided.mean()) if len(cell.good) else math.inf for cell in cells]
     best = (rates.index(min(rates)), list(table.frame.columns).index("Collision %"))
     tables = [table._replace(bold=[best])]
@@ -34,7 +34,7 @@ def table_1_section(cells: list[CellResults], folder: Path) -> Section:
     pairs = method_differences(cells)
     if len(pairs):
         caption = "MPPI-Belief against each method, trial by trial"
-        tables.append(write_table(folder, "table_1_differences", caption, pairs))
+        tables.append(write_page_table(folder, "table_1_differences", caption, pairs))
 
     # The pictures.
     alt = "Fig. 1: 50 trials of each method in the plane; shading: the noise of the position sensor"

@@ -8,11 +8,11 @@ import pandas as pd
 from ...results.certificate import Certificate
 from ...results.certificate_files import StoredCertificate
 from ..certificate_tables import FAILS, HOLDS, certificate_frame, certificate_numbers
-from ..elements import write_picture, write_table
+from ..elements import write_page_table, write_picture
 from ..figures.certificate_panels import certificate_figure
 from ..frame_files import write_frame
 from ..origin import full_commit
-from ..page import Section, Table
+from ..page import PageTable, Section
 
 
 def theory_sections(stored: Sequence[StoredCertificate], folder: Path) -> list[Section]:
@@ -35,7 +35,7 @@ def theory_sections(stored: Sequence[StoredCertificate], folder: Path) -> list[S
         "derived from rounding, from the order of a scheme, from a standard error or from a bound. "
         "`mppi-belief verify` computes the certificates."
     )
-    first = Section("Theory", [text], [Table("theory", "Certificates", overview)])
+    first = Section("Theory", [text], [PageTable("theory", "Certificates", overview)])
     return [first, *(_certificate_section(certificate, folder) for certificate in certificates)]
 
 
@@ -45,7 +45,7 @@ def _certificate_section(certificate: Certificate, folder: Path) -> Section:
     frame = certificate_frame([certificate], FAILS).drop(columns="Statement")
     column = list(frame.columns).index("Verdict")
     failing = [(row, column) for row, check in enumerate(certificate.checks) if not check.holds]
-    table = write_table(folder, stem, "Checks", frame)._replace(bold=failing)
+    table = write_page_table(folder, stem, "Checks", frame)._replace(bold=failing)
     alt = "; ".join(panel.title for panel in certificate.panels)
     pictures = write_picture(folder, stem, certificate_figure(certificate.panels), alt)
     return Section(certificate.statement, [certificate.text], [table], pictures)

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from ..cell_results import CellResults
-from ..elements import cell_lines, collision_text, write_picture, write_table
+from ..elements import cell_lines, collision_text, write_page_table, write_picture
 from ..figures.sweeps import theta_figure
 from ..page import Section
 
@@ -25,6 +25,6 @@ def theta_sweep_section(cells: list[CellResults], folder: Path) -> Section:
             f"Trials that collide, by risk aversion: {', '.join(rates)}.",
             "This sweep was held out of the calibration.",
         ],
-        [write_table(folder, "theta_sweep", caption, cell_lines(cells), cells)],
+        [write_page_table(folder, "theta_sweep", caption, cell_lines(cells), cells)],
         write_picture(folder, "theta_sweep", theta_figure(cells), alt),
     )

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from .. import published
 from ..cell_results import CellResults, by_method
-from ..elements import cell_lines, write_picture, write_table
+from ..elements import cell_lines, write_page_table, write_picture
 from ..figures.sweeps import figure_2
 from ..page import Section
 
@@ -27,6 +27,10 @@ def w_obs_sweep_section(cells: list[CellResults], folder: Path) -> Section:
             "This sweep was held out of the calibration. In the paper the baselines stay within "
             f"{low:g} to {high:g} %.",
         ],
-        [write_table(folder, "w_obs_sweep", "Every weight and method", cell_lines(cells), cells)],
+        [
+            write_page_table(
+                folder, "w_obs_sweep", "Every weight and method", cell_lines(cells), cells
+            )
+        ],
         write_picture(folder, "figure_2", figure_2(cells), alt),
     )
