@@ -5,13 +5,14 @@ import os
 import signal
 import subprocess
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 
 import pytest
 
 from cli_helpers import TIMEOUT, Said, call, files_in, started
+from mppi_belief.cli import certify_on_pool
 from mppi_belief.results.certificate import CERTIFICATE_NAMES, Certificate
 from mppi_belief.results.certificate_files import (
     StoredCertificate,
@@ -40,14 +41,14 @@ def instant(monkeypatch) -> list[tuple]:
     """Certificates that cost nothing, the last of which fails for seed 13; the calls that were made."""
     calls = []
 
-    def certify_all(names, seed, workers, initializer) -> Iterator[runner.CertificateOutcome]:
+    def certify_all(names, seed, workers) -> Iterator[runner.CertificateOutcome]:
         calls.append((tuple(names), seed, workers))
         for name in reversed(names):
             yield runner.CertificateOutcome(
                 name, made(name, 2.0 if seed == 13 and name == names[-1] else 0.0), "", 0.5
             )
 
-    monkeypatch.setattr(runner, "certify_all", certify_all)
+    monkeypatch.setattr(certify_on_pool, "certify_all", certify_all)
     return calls
 
 
@@ -125,7 +126,7 @@ def test_a_keyboard_interrupt_is_exit_130(verify, monkeypatch):
     def stopped(*args) -> Iterator[runner.CertificateOutcome]:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(runner, "certify_all", stopped)
+    monkeypatch.setattr(certify_on_pool, "certify_all", stopped)
     said = verify()
     assert (said.code, said.err.splitlines()[-1]) == (130, "mppi-belief: stopped")
 
@@ -140,29 +141,37 @@ def test_a_real_one_in_a_process_of_its_own(verify, tmp_path):
 
 
 def test_what_a_certificate_raises_is_said():
-    done = runner.compute_certificate("not_there", 0)
-    assert done.certificate is None
-    assert done.error.startswith("ModuleNotFoundError: No module named")
+    (outcome,) = certify_on_pool.certify_all(["not_there"], 0, 1)
+    assert outcome.certificate is None
+    assert outcome.error.startswith("ModuleNotFoundError: No module named")
+
+
+def die(config: dict, trials: Sequence[int]) -> None:
+    """Ends its process."""
+    os._exit(3)
 
 
 def test_a_process_that_always_dies_is_given_up():
-    (done,) = runner.certify_all([CHEAP], 0, 1, partial(os._exit, 3))
-    assert (done.name, done.certificate) == (CHEAP, None)
-    assert "died twice" in done.error
+    (outcome,) = certify_on_pool.certify_all([CHEAP], 0, 1, die)
+    assert (outcome.name, outcome.certificate) == (CHEAP, None)
+    assert "died 2 times" in outcome.error
 
 
-def die_once(marker: str) -> None:
-    """The first process that starts ends at once."""
+def die_once(marker: str, config: dict, trials: Sequence[int]) -> runner.CertificateOutcome:
+    """Ends the first process that computes a certificate."""
     if not Path(marker).exists():
         Path(marker).write_text("")
         os._exit(3)
+    return runner.compute_certificate(config, trials)
 
 
 def test_a_process_that_dies_once_takes_nothing_with_it(tmp_path):
-    marker = str(tmp_path / "died")
-    found = list(runner.certify_all([CHEAP, "cole_hopf"], 0, 2, partial(die_once, marker)))
-    assert {done.name for done in found} == {CHEAP, "cole_hopf"}
-    assert all(done.certificate is not None and done.certificate.holds for done in found)
+    work = partial(die_once, str(tmp_path / "died"))
+    outcomes = list(certify_on_pool.certify_all([CHEAP, "cole_hopf"], 0, 2, work))
+    assert {outcome.name for outcome in outcomes} == {CHEAP, "cole_hopf"}
+    assert all(
+        outcome.certificate is not None and outcome.certificate.holds for outcome in outcomes
+    )
 
 
 def test_what_could_not_be_computed_leaves_what_was_stored(verify, instant, tmp_path, monkeypatch):
@@ -173,7 +182,7 @@ def test_what_could_not_be_computed_leaves_what_was_stored(verify, instant, tmp_
         yield runner.CertificateOutcome("cole_hopf", None, "ValueError: no", 0.1)
         yield runner.CertificateOutcome("feynman_kac", made("feynman_kac"), "", 0.1)
 
-    monkeypatch.setattr(runner, "certify_all", certify_all)
+    monkeypatch.setattr(certify_on_pool, "certify_all", certify_all)
     said = verify("cole_hopf", "feynman_kac", "verify_dir=here")
     assert said.code == 1
     assert "cole_hopf could not be computed: ValueError: no" in said.err
@@ -203,16 +212,10 @@ def is_gone(group: int) -> bool:
     return False
 
 
-def computing(pid: int) -> bool:
-    """Whether a command has workers, all of which have loaded JAX."""
-    maps = [Path(f"/proc/{worker}/maps").read_text() for worker in workers_of(pid)]
-    return bool(maps) and all("jaxlib" in text for text in maps)
-
-
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_a_signal_ends_it_with_one_word(tmp_path, number, code):
     with started(tmp_path, "verify") as process:
-        poll(lambda: computing(process.pid), TIMEOUT)  # for a minute
+        poll(lambda: workers_of(process.pid), TIMEOUT)  # they compute for a minute
         process.send_signal(number)
         assert process.wait(30) == code
         assert is_gone(process.pid)

@@ -7,7 +7,6 @@ import signal
 import sys
 import time
 from collections.abc import Callable, Sequence
-from functools import partial
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -16,6 +15,7 @@ from .. import __version__
 from ..config.compose import RUNTIME_KEYS, collect, parse
 from ..errors import ConfigError, plain_line, unknown_key
 from ..run.signals import STOPPING, held
+from ..run.workers import WorkersGone
 from . import usage
 from .completion import complete
 
@@ -61,6 +61,8 @@ def _guarded(command: Callable[[], int]) -> int:
         return code
     except ConfigError as error:
         return _complain(str(error), INPUT_ERROR)
+    except WorkersGone as error:
+        return _complain(f"{error}; the same command goes on", NOBODY_WORKS)
     except BrokenPipeError:  # the reader of our output went away; nothing is left to tell
         _tell_nobody()
         return CUT_OFF
@@ -131,7 +133,6 @@ def run(args: Sequence[str]) -> int:
     from ..run.start_workers import make_workers
     from ..run.task import StudyOrder, TrialFunctions
     from ..run.worker import WorkerSetup
-    from ..run.workers import WorkersGone
     from ..trial import check, device, failed_row, record, run_trials, time_steps
 
     import_paths = [str(Path(folder).resolve()) for folder in parse(args)[2]]
@@ -148,10 +149,7 @@ def run(args: Sequence[str]) -> int:
     setup = WorkerSetup(import_paths, variables)
     workers = make_workers(first["executor"], count, setup, environment.in_force())
     functions = TrialFunctions(check, run_trials, time_steps, failed_row, record, device)
-    try:
-        outcome = run_study(list(cells.values()), order, root, functions, workers, command)
-    except WorkersGone as error:
-        return _complain(f"{error}; the same command goes on", NOBODY_WORKS)
+    outcome = run_study(list(cells.values()), order, root, functions, workers, command)
     return _tell(list(cells.values()), root, n_trials, outcome)
 
 
@@ -242,14 +240,12 @@ def _certify(config: dict[str, Any], names: Sequence[str], command: list[str]) -
     from ..results.certificate_files import StoredCertificate, load_certificates, store_certificate
     from ..results.files import probe
     from ..results.provenance import provenance
-    from ..run.worker import WorkerSetup, start_worker
-    from ..verify.runner import certify_all
+    from .certify_on_pool import certify_all
 
     folder, lost = Path(config["verify_dir"]), []
     probe(folder)
     source = provenance(command) | {"seed": config["seed"]}
-    start = partial(start_worker, WorkerSetup([], {}))
-    with contextlib.closing(certify_all(names, config["seed"], config["workers"], start)) as done:
+    with contextlib.closing(certify_all(names, config["seed"], config["workers"])) as done:
         for one in tqdm(done, total=len(names), unit="certificate", disable=None):
             if one.certificate is None:
                 lost.append(one.name)
