@@ -11,7 +11,7 @@ from helpers import Feedback, float64, light_dark_problem, quick_jit
 from mppi_belief.belief import gaussian as gaussians
 from mppi_belief.belief import kalman as belief
 from mppi_belief.numerics.square_root import ldl_solve, pivoted_cholesky, tria
-from mppi_belief.planning import path_integral as pi
+from mppi_belief.planning import path_weights as pw
 from mppi_belief.trial.trials import divergence
 
 TINY = float(np.finfo(np.float32).eps)
@@ -117,7 +117,7 @@ def test_a_riccati_step_keeps_slow_decay_beside_a_very_good_sensor_in_float32():
 
 
 def test_weights_where_costs_over_the_temperature_overflow():
-    w = pi.weights(jnp.array([3e33, 2e33, 2e33], jnp.float32), 1e-6)
+    w = pw.weights(jnp.array([3e33, 2e33, 2e33], jnp.float32), 1e-6)
     np.testing.assert_array_equal(w, [0, 0.5, 0.5])
 
 

@@ -13,7 +13,7 @@ from helpers import assert_covariance, light_dark_problem, quick_jit
 from mppi_belief.belief import cost as belief_cost
 from mppi_belief.belief.prior import prior
 from mppi_belief.belief.schedule import gain_schedule
-from mppi_belief.planning import path_integral
+from mppi_belief.planning import path_integral, path_weights
 from mppi_belief.planning.parts import PlanInfo
 
 KEY = jax.random.key(7)
@@ -145,7 +145,7 @@ def test_mirrored_samples_leave_a_symmetric_problem_alone(x64):
 @pytest.mark.parametrize("count", [24, 23])
 def test_blocks_of_samples_are_weighted_as_if_they_were_one(count, light_dark, x64, monkeypatch):
     """Against all samples of the same keys put together, with and without surplus samples in the last block."""
-    monkeypatch.setattr(path_integral, "BLOCK", 10)
+    monkeypatch.setattr(path_weights, "BLOCK", 10)
     controller = replace(SMALL, n_samples=count, sampler=mb.NominalSampler(control_std=1.0))
     problem, plan = light_dark, jnp.full((6, 2), 0.3)
     u, _, info = quick_jit(controller.act)(
@@ -160,7 +160,7 @@ def test_blocks_of_samples_are_weighted_as_if_they_were_one(count, light_dark, x
         planned = controller.schedule.plan(problem, controller.path_cost, prior(problem), plan)
         costs, means = planned.costs(plan[:, :, None] + increments, None)
         costs += path_integral.girsanov(plan, increments, problem.cost.R * problem.dt)
-        return means, path_integral.weights(costs, controller.temperature)
+        return means, path_weights.weights(costs, controller.temperature)
 
     means, w = all_at_once(problem, increments)
     np.testing.assert_allclose(info.means, means, rtol=1e-12)

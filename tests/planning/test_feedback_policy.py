@@ -16,7 +16,7 @@ from mppi_belief.belief.prior import prior, prior_mixture
 from mppi_belief.numerics.normals import standard_normal
 from mppi_belief.planning import feedback_policy
 from mppi_belief.planning import path_integral as pi
-from mppi_belief.planning.ilqr import charge_weights
+from mppi_belief.planning.lq_problem import charge_weights
 
 STD, TEMPERATURE, HORIZON, N = 1.5, 2.0, 6, 4000
 PLANNER = mb.MPPI(N, HORIZON, TEMPERATURE, mb.RiskSensitive(0.7), mb.NominalSampler(STD))

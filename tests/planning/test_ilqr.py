@@ -11,7 +11,7 @@ import mppi_belief as mb
 from helpers import light_dark_problem, quick_jit
 from linear_system import lqr, random_problem
 from mppi_belief.belief.cost import certainty_equivalent
-from mppi_belief.planning import ilqr
+from mppi_belief.planning import ilqr, lq_problem
 
 SETTINGS = ilqr.ILQRSettings(
     tolerance=1e-9, max_iterations=100, damping=1e-6, damping_factor=4.0, damping_max=1e8
@@ -113,7 +113,7 @@ def test_the_solution_is_stationary(start, light_dark, x64):
 def test_an_indefinite_hessian_is_projected_to_the_nearest_psd_matrix(x64, rng):
     values = np.array([2.0, -1.0, 0.5])
     basis, _ = np.linalg.qr(rng.normal(size=(3, 3)))
-    projected = ilqr.nearest_psd(jnp.asarray(basis @ np.diag(values) @ basis.T))
+    projected = lq_problem.nearest_psd(jnp.asarray(basis @ np.diag(values) @ basis.T))
     np.testing.assert_allclose(projected, basis @ np.diag([2.0, 0.0, 0.5]) @ basis.T, atol=1e-12)
 
 

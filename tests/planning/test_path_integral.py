@@ -10,6 +10,7 @@ import mppi_belief as mb
 import reference
 from helpers import SIGMAS, Scalar, assert_covariance, light_dark_problem, quick_jit, random_spd
 from mppi_belief.planning import path_integral as pi
+from mppi_belief.planning import path_weights as pw
 
 DT = 0.1
 rollouts = quick_jit(pi.rollouts)
@@ -90,7 +91,7 @@ def test_accumulated_costs_equal_a_loop(at_step_end, x64, rng):
 
 def test_a_receded_nominal_ends_without_control(rng):
     nominal = rng.normal(size=(4, 2)).astype(np.float32)
-    np.testing.assert_array_equal(pi.receded(nominal), np.vstack([nominal[1:], np.zeros((1, 2))]))
+    np.testing.assert_array_equal(pi.shifted(nominal), np.vstack([nominal[1:], np.zeros((1, 2))]))
 
 
 def test_normals_are_standard(x64):
@@ -141,8 +142,8 @@ def test_girsanov_term_equals_a_loop(x64, rng):
 def test_weights_are_the_boltzmann_weights(x64, rng):
     costs = rng.normal(size=50)
     expected = np.exp(-costs / 0.7)
-    np.testing.assert_allclose(pi.weights(costs, 0.7), expected / expected.sum(), rtol=1e-12)
-    np.testing.assert_allclose(pi.weights(costs + 123.0, 0.7), pi.weights(costs, 0.7), rtol=1e-11)
+    np.testing.assert_allclose(pw.weights(costs, 0.7), expected / expected.sum(), rtol=1e-12)
+    np.testing.assert_allclose(pw.weights(costs + 123.0, 0.7), pw.weights(costs, 0.7), rtol=1e-11)
 
 
 @pytest.mark.parametrize(
@@ -158,27 +159,27 @@ def test_weights_are_the_boltzmann_weights(x64, rng):
     ],
 )
 def test_weights_of_huge_equal_and_infinite_costs_in_float32(costs, expected):
-    np.testing.assert_allclose(pi.weights(jnp.array(costs), 1.0), expected, rtol=1e-6)
+    np.testing.assert_allclose(pw.weights(jnp.array(costs), 1.0), expected, rtol=1e-6)
 
 
 def test_effective_sample_size_runs_from_one_to_all():
-    assert pi.effective_sample_size(jnp.array([0.0, 1.0, 0.0])) == 1
-    np.testing.assert_allclose(pi.effective_sample_size(jnp.full(8, 1 / 8)), 8)
-    np.testing.assert_allclose(pi.effective_sample_size(jnp.array([0.5, 0.5, 0, 0])), 2)
+    assert pw.effective_sample_size(jnp.array([0.0, 1.0, 0.0])) == 1
+    np.testing.assert_allclose(pw.effective_sample_size(jnp.full(8, 1 / 8)), 8)
+    np.testing.assert_allclose(pw.effective_sample_size(jnp.array([0.5, 0.5, 0, 0])), 2)
 
 
 def test_weighted_increments_average_over_the_samples(x64, rng):
     w, increments = rng.dirichlet(np.ones(6)), rng.normal(size=(4, 2, 6))
     expected = sum(w[i] * increments[:, :, i] for i in range(6))
-    np.testing.assert_allclose(pi.weighted_increments(w, increments), expected, rtol=1e-12)
+    np.testing.assert_allclose(pw.weighted_increments(w, increments), expected, rtol=1e-12)
 
 
 def test_log_desirability_is_the_log_of_the_mean_weight(x64, rng):
     costs = rng.normal(size=30)
     np.testing.assert_allclose(
-        pi.log_desirability(costs, 0.7), np.log(np.mean(np.exp(-costs / 0.7))), rtol=1e-12
+        pw.log_desirability(costs, 0.7), np.log(np.mean(np.exp(-costs / 0.7))), rtol=1e-12
     )
-    np.testing.assert_allclose(pi.log_desirability(costs + 1e8, 0.7), -1e8 / 0.7, rtol=1e-6)
+    np.testing.assert_allclose(pw.log_desirability(costs + 1e8, 0.7), -1e8 / 0.7, rtol=1e-6)
 
 
 @quick_jit
@@ -209,7 +210,7 @@ def assert_desirability(
     values = np.exp(-np.asarray(costs) / s.temperature)
     error = values.std() / values.mean() / np.sqrt(len(values))  # of the log of the mean
     assert error < 0.01
-    assert abs(pi.log_desirability(costs, s.temperature) - exact) < SIGMAS * error
+    assert abs(pw.log_desirability(costs, s.temperature) - exact) < SIGMAS * error
 
 
 def test_feynman_kac_desirability_equals_the_exact_gaussian_integral(scalar, x64):
@@ -233,10 +234,10 @@ def test_the_girsanov_term_makes_the_desirability_independent_of_the_nominal(sca
 
 
 def test_a_path_that_diverged_weighs_nothing_nor_does_any_in_a_hopeless_step():
-    w = pi.weights(jnp.array([1.0, jnp.nan, jnp.inf, 1.0]), 1.0)
+    w = pw.weights(jnp.array([1.0, jnp.nan, jnp.inf, 1.0]), 1.0)
     np.testing.assert_allclose(w, [0.5, 0, 0, 0.5], rtol=1e-6)
-    np.testing.assert_array_equal(pi.weights(jnp.array([jnp.inf, jnp.nan]), 1.0), 0)
-    assert pi.effective_sample_size(jnp.zeros(2)) == 0
+    np.testing.assert_array_equal(pw.weights(jnp.array([jnp.inf, jnp.nan]), 1.0), 0)
+    assert pw.effective_sample_size(jnp.zeros(2)) == 0
 
 
 @pytest.mark.parametrize("alpha", [0.0, 0.3, 1.0])
@@ -251,28 +252,28 @@ def test_alpha_means_the_same_for_the_exact_spread_given_or_not(alpha, scalar, x
 
 @pytest.mark.parametrize("block", [4, 100])
 def test_no_path_of_any_block_weighs_anything_if_no_cost_is_finite(block, monkeypatch, x64):
-    monkeypatch.setattr(pi, "BLOCK", block)
+    monkeypatch.setattr(pw, "BLOCK", block)
 
-    def sample(key: Array, n: int) -> pi.CostedPaths:
-        return pi.CostedPaths(jnp.ones((2, 1, n)), jnp.full(n, jnp.nan), jnp.zeros((2, 3, n)))
+    def sample(key: Array, n: int) -> pw.CostedPaths:
+        return pw.CostedPaths(jnp.ones((2, 1, n)), jnp.full(n, jnp.nan), jnp.zeros((2, 3, n)))
 
     nominal = jnp.full((2, 1), 0.3)
-    improved = pi.improve(nominal, sample, jax.random.key(0), 9, pi.Exponential(1.0))
+    improved = pw.improve(nominal, sample, jax.random.key(0), 9, pw.Exponential(1.0))
     np.testing.assert_array_equal(improved.weights, np.zeros(9))
     np.testing.assert_array_equal(improved.controls, nominal)
 
 
 @pytest.mark.parametrize("block", [4, 100])
 def test_paths_without_a_finite_cost_weigh_nothing_in_any_block(block, monkeypatch, x64):
-    monkeypatch.setattr(pi, "BLOCK", block)
+    monkeypatch.setattr(pw, "BLOCK", block)
     bad = jnp.array([jnp.nan, jnp.inf, -jnp.inf, 0.0])
 
-    def sample(key: Array, n: int) -> pi.CostedPaths:
+    def sample(key: Array, n: int) -> pw.CostedPaths:
         costs = jax.random.uniform(key, (n,)) + jnp.tile(bad, 3)[:n]
-        return pi.CostedPaths(jnp.ones((2, 1, n)), costs, jnp.zeros((2, 3, n)))
+        return pw.CostedPaths(jnp.ones((2, 1, n)), costs, jnp.zeros((2, 3, n)))
 
-    nominal, weighting = jnp.zeros((2, 1)), pi.Exponential(0.5)
-    change, w, _ = pi.improve(nominal, sample, jax.random.key(0), 12, weighting)
+    nominal, weighting = jnp.zeros((2, 1)), pw.Exponential(0.5)
+    change, w, _ = pw.improve(nominal, sample, jax.random.key(0), 12, weighting)
     np.testing.assert_array_equal(np.asarray(w).reshape(3, 4)[:, :3], 0)
     assert np.all(np.asarray(w).reshape(3, 4)[:, 3] > 0)
     np.testing.assert_allclose(np.sum(w), 1, rtol=1e-12)

@@ -12,6 +12,7 @@ from helpers import SIGMAS, float64, quick_jit
 from mppi_belief.belief.cost import risk_sensitive
 from mppi_belief.belief.schedule import GainSchedule
 from mppi_belief.planning import path_integral as pi
+from mppi_belief.planning import path_weights as pw
 from mppi_belief.planning.samplers import innovation
 from mppi_belief.planning.schedules import shared
 from mppi_belief.results.certificate import Certificate
@@ -209,7 +210,7 @@ def test_factors_of_another_diffusion_show(flight):
         assert by_hand.hand_run(problem, start, 1.001 * factors, eps).factor_error > 1e-4
 
 
-COSTS, WEIGHTS, FACTORS = shared.accumulated_costs, pi.weights, innovation.diffusion_factors
+COSTS, WEIGHTS, FACTORS = shared.accumulated_costs, pw.weights, innovation.diffusion_factors
 
 
 def frozen(schedule: GainSchedule) -> tuple[jax.Array, jax.Array]:
@@ -218,7 +219,7 @@ def frozen(schedule: GainSchedule) -> tuple[jax.Array, jax.Array]:
 
 
 MUTATIONS = {
-    "temperature": (pi, "weights", lambda S, temperature: WEIGHTS(S, 1.03 * temperature)),
+    "temperature": (pw, "weights", lambda S, temperature: WEIGHTS(S, 1.03 * temperature)),
     "charge": (
         shared,
         "accumulated_costs",

@@ -20,7 +20,7 @@ from jax import Array
 
 from ..planning.parts import PathCost, PlanInfo, Sampler, Schedule
 from ..planning.path_costs import RiskSensitive
-from ..planning.path_integral import CostedPaths, Exponential, effective_sample_size, improve
+from ..planning.path_weights import CostedPaths, Exponential, effective_sample_size, improve
 from ..planning.samplers import InnovationSampler, NominalSampler
 from ..planning.schedules import PerPathCovariance, SharedCovariance
 from ..problem import Problem

@@ -23,14 +23,8 @@ from jax import Array
 from ..belief.particles import ParticleBelief
 from ..planning.parts import PathCost
 from ..planning.path_costs import CertaintyEquivalent
-from ..planning.path_integral import (
-    CostedPaths,
-    accumulated_costs,
-    effective_sample_size,
-    improve,
-    rollouts,
-    weights,
-)
+from ..planning.path_integral import accumulated_costs, rollouts
+from ..planning.path_weights import CostedPaths, effective_sample_size, improve, weights
 from ..planning.samplers import NominalSampler
 from ..problem import Problem
 from ..structs import number, size, struct

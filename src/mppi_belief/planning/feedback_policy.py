@@ -34,7 +34,7 @@ from ..discretise import euler_step
 from ..numerics.linalg import quadratic_form, symmetrise
 from ..numerics.vmap_last import vmap_last
 from ..problem import Problem
-from . import ilqr
+from .lq_problem import StateCost, backward_pass, expand
 from .path_integral import girsanov_weight, matched_increments
 
 EVERY = 5  # one sample in so many is drawn about the nominal; a choice
@@ -89,7 +89,7 @@ def nominal_policy(
 
 
 def laplace_policy(
-    cost: ilqr.StateCost,
+    cost: StateCost,
     problem: Problem,
     means: Array,
     reference: ReferenceDensity,
@@ -110,10 +110,10 @@ def laplace_policy(
         fallback: the policy about the nominal
     """
     nominal = fallback.controls
-    lq = ilqr.expand(problem, cost, means, nominal)
+    lq = expand(problem, cost, means, nominal)
     lq = lq._replace(gradients=_finite(lq.gradients), hessians=_finite(lq.hessians))
     control_gradients = (nominal - reference.centre) @ reference.precision
-    optimum = ilqr.backward_pass(lq, control_gradients, reference.precision)
+    optimum = backward_pass(lq, control_gradients, reference.precision)
     factors = jnp.linalg.cholesky(temperature * optimum.inverses)
     policy = FeedbackPolicy(means[:-1], nominal + optimum.feedforward, optimum.gains, factors)
     finite = jnp.all(jnp.array([jnp.all(jnp.isfinite(part)) for part in policy]))

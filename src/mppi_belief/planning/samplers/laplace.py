@@ -10,9 +10,10 @@ from jax import Array
 
 from ...problem import Problem
 from ...structs import choice, number, struct
-from .. import feedback_policy, ilqr
+from .. import feedback_policy
+from ..lq_problem import time_varying_cost
 from ..parts import Draw, DrawnPaths, PathCost, PlannedBelief
-from ..path_integral import normals, receded
+from ..path_integral import normals, shifted
 
 
 @struct
@@ -44,7 +45,7 @@ class LaplaceSampler:
         reference = feedback_policy.reference_density(
             problem, nominal, temperature, self.control_std, self.alpha
         )
-        cost = ilqr.time_varying_cost(
+        cost = time_varying_cost(
             problem.dt,
             lambda mu, k: path_cost.running(problem, mu, schedule.cov[k]),
             lambda mu: path_cost.terminal(problem, mu, schedule.cov[-1]),
@@ -72,4 +73,4 @@ class LaplaceSampler:
 
     def warm_start(self, improved: Array) -> Array:
         """Returns the improved plan (H, nu) one step later."""
-        return receded(improved)
+        return shifted(improved)

@@ -19,7 +19,7 @@ from ..path_integral import (
     girsanov_weight,
     matched_increments,
     normals,
-    receded,
+    shifted,
 )
 
 
@@ -64,4 +64,4 @@ class NominalSampler:
 
     def warm_start(self, improved: Array) -> Array:
         """Returns the improved plan (H, nu) one step later."""
-        return receded(improved)
+        return shifted(improved)

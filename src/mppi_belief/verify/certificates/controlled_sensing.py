@@ -14,6 +14,7 @@ from ...matching.sensor import matching_sensor
 from ...matching.weights import matched_weight, residual
 from ...numerics.square_root import psd_factor
 from ...planning import path_integral as pi
+from ...planning import path_weights as pw
 from ...problem import Problem
 from ...results.certificate import Certificate, Check, Line, Panel
 from ..bands import EPSILON, at_most, largest_z, order, rounding
@@ -234,6 +235,6 @@ def _relative_psi(
     def ratio(key: Array) -> Array:
         eps = jnp.sqrt(problem.dt) * pi.normals(key, (problem.steps, len(mean), PSI_PATHS), False)
         costs, _ = sampled_costs(problem, 0.0, mean, schedule, eps)
-        return jnp.exp(pi.log_desirability(costs, SENSING_TEMPERATURE) + V / SENSING_TEMPERATURE)
+        return jnp.exp(pw.log_desirability(costs, SENSING_TEMPERATURE) + V / SENSING_TEMPERATURE)
 
     return jax.lax.map(ratio, keys)

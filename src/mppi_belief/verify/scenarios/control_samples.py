@@ -20,6 +20,7 @@ from jax import Array
 
 from ...controllers import LQG
 from ...planning import path_integral as pi
+from ...planning import path_weights as pw
 from ...problem import Belief, Problem
 from ..compilation import quick_jit
 from ..estimates import RepeatedControls
@@ -138,7 +139,7 @@ def sample_control_rate(
     pools = pooled_costs(matched, schedule, CONTROL_RATE_MEAN, key, paths)
     estimate = control_estimate(matched, equation, np.array([CONTROL_RATE_MEAN]))
     of_batches = quick_jit(
-        jax.vmap(lambda S, u: pi.weighted_increments(pi.weights(S, matched.temperature), u))
+        jax.vmap(lambda S, u: pw.weighted_increments(pw.weights(S, matched.temperature), u))
     )
     cuts = CONTROL_BATCHES * np.cumsum(CONTROL_SIZES)[:-1]
     costs, increments = (

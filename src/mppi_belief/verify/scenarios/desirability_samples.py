@@ -16,6 +16,7 @@ import numpy as np
 from jax import Array
 
 from ...planning import path_integral as pi
+from ...planning import path_weights as pw
 from ...problem import Problem
 from ..compilation import quick_jit
 from ..estimates import extrapolations
@@ -133,7 +134,7 @@ def log_desirabilities(
     """Returns log Psi (means, 2, batches) for both steps along the same Brownian paths."""
     shape = (2 * COARSE_STEPS, 1, PSI_BATCHES * PER_BATCH)
     eps = jnp.sqrt(fine.dt) * pi.normals(key, shape, False)
-    of_batches = jax.vmap(partial(pi.log_desirability, temperature=matched.temperature))
+    of_batches = jax.vmap(partial(pw.log_desirability, temperature=matched.temperature))
 
     def both_levels(mean: Array) -> Array:
         levels = ((coarse, eps[::2] + eps[1::2]), (fine, eps))
@@ -160,7 +161,7 @@ def sample_rate(
     excess_kurtosis = float(np.mean((weights - exact) ** 4) / variance**2 - 3)
 
     # Errors of each batch.
-    estimate = quick_jit(jax.vmap(partial(pi.log_desirability, temperature=matched.temperature)))
+    estimate = quick_jit(jax.vmap(partial(pw.log_desirability, temperature=matched.temperature)))
     parts = np.split(costs, PSI_BATCHES * np.cumsum(PSI_SIZES)[:-1])
     errors = np.array([np.exp(estimate(part.reshape(PSI_BATCHES, -1))) - exact for part in parts])
 
