@@ -210,6 +210,15 @@ class Controller(Protocol):
         """-> control (nu,), the next plan, diagnostics with at least `ess` ()."""
 
 
+@runtime_checkable
+class SeesState(Controller, Protocol):
+    """Optional ability of a controller that plans from the true state instead of a belief."""
+
+    @property
+    def sees_state(self) -> bool:
+        """Whether the belief that `act` is given is the true state, without any uncertainty."""
+
+
 @struct
 class Problem:
     """Problem 1 with its prior N(prior_mean, diag(prior_std^2)) and its time grid t_k = k dt.

@@ -15,7 +15,7 @@ from .belief.kalman import aim_sensor_ahead
 from .belief.prior import sample_prior
 from .discretise import euler_step, measurement_factor
 from .numerics.normals import standard_normal
-from .problem import Belief, Controller, Filter, Problem
+from .problem import Belief, Controller, Filter, Problem, SeesState
 
 # Roles, each with a stream of random numbers of its own.
 PLANT = 0
@@ -87,7 +87,7 @@ def controller_belief(controller: Controller, belief: Any, x: Array) -> Any:
 
     An oracle (`sees_state`) gets a belief at x (nx,) without any uncertainty.
     """
-    if getattr(controller, "sees_state", False):
+    if isinstance(controller, SeesState) and controller.sees_state:
         return Belief(x, jnp.zeros((len(x), len(x)), x.dtype))
     return belief
 

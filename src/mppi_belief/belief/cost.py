@@ -1,4 +1,4 @@
-"""Cost of a belief: eq. (3), eq. (4), and the risk-sensitive cost of Remark 4.
+"""The cost of a belief: eq. (3), eq. (4), and the risk-sensitive cost of Remark 4.
 
 q(mu, Sigma)    = E[q(x)]
 q_RS(mu, Sigma) = E[q(x)] + theta / 2 Var[q(x)]
@@ -6,6 +6,8 @@ q_RS(mu, Sigma) = E[q(x)] + theta / 2 Var[q(x)]
 and of a mixture sum_i w_i N(mu_i, Sigma_i), with E_i and Var_i those of its components:
 
 E[q] = sum_i w_i E_i,    Var[q] = sum_i w_i (Var_i + (E_i - E[q])^2)
+
+Symbols: nx states, m components of a mixture.
 """
 
 import jax.numpy as jnp
@@ -17,18 +19,26 @@ from ..problem import ClosedFormCost, CostMoments, Problem
 
 
 def running_moments(problem: Problem, mean: Array, cov: Array) -> CostMoments:
-    """Moments of the running cost under N(mean, cov): exact where the cost knows them, else of degree 5."""
+    """Returns the moments of the running cost under N(mean, cov), mean (nx,) and cov (nx, nx).
+
+    They are exact where the cost has them in closed form, and otherwise integrated by a rule of degree 5.
+    """
     if isinstance(problem.cost, ClosedFormCost):
         return problem.cost.running_moments(mean, cov, problem.surroundings)
     return quadrature_moments(problem, mean, cov)
 
 
 def quadrature_moments(problem: Problem, mean: Array, cov: Array) -> CostMoments:
-    """The same by cubature, deviations squared after the mean is taken off."""
+    """Integrates the moments of the running cost under N(mean, cov) by cubature.
+
+    The means are subtracted before deviations are squared, so that nothing cancels.
+    """
     base, weights = quadrature.evaluate_at_nodes(problem.cost.base, mean, cov)
     penalty, _ = quadrature.evaluate_at_nodes(problem.penalty, mean, cov)
-    base_mean, penalty_mean = jnp.sum(weights * base), jnp.sum(weights * penalty)
-    base, penalty = base - base_mean, penalty - penalty_mean
+    base_mean = jnp.sum(weights * base)
+    penalty_mean = jnp.sum(weights * penalty)
+    base = base - base_mean
+    penalty = penalty - penalty_mean
     return CostMoments(
         base_mean,
         penalty_mean,
@@ -46,34 +56,47 @@ def risk_sensitive(
     variance_of: str = "penalty",
     expectation: str = "exact",
 ) -> Array:
-    """q_RS ().
+    """Returns q_RS () of a Gaussian belief with mean (nx,) and covariance (nx, nx).
 
-    `variance_of` is what the variance is taken of: "penalty" (the obstacles) or "total" (all of q). `expectation` says
-    how the obstacle penalty is expected: "exact", or "at_mean", its value at the mean, with which theta = 0
-    is the certainty-equivalent planner (the rest of E[q] differs from base(mean) by the same for all paths).
+    Args:
+        problem: the problem, for its cost
+        mean: (nx,)
+        cov: (nx, nx)
+        theta: risk aversion
+        variance_of: "penalty" takes the variance of the obstacle penalty, "total" that of all of q
+        expectation: "exact" expects the penalty as in (3); "at_mean" takes its value at the mean, with
+            which theta = 0 is the certainty-equivalent planner (the rest of E[q] differs from
+            base(mean) by the same for all paths)
     """
-    m = running_moments(problem, mean, cov)
-    return _charged(
-        m, m.penalty if expectation == "exact" else problem.penalty(mean), theta, variance_of
-    )
+    moments = running_moments(problem, mean, cov)
+    penalty = moments.penalty if expectation == "exact" else problem.penalty(mean)
+    return moments.base + penalty + 0.5 * theta * _variance(moments, variance_of)
 
 
-def _charged(m: CostMoments, penalty: Array, theta: Array | float, variance_of: str) -> Array:
-    total = jnp.maximum(
-        m.base_var + 2 * m.covariance + m.penalty_var, 0.0
-    )  # quadrature weights may be negative
-    variance = m.penalty_var if variance_of == "penalty" else total
-    return m.base + penalty + 0.5 * theta * variance
+def _variance(moments: CostMoments, variance_of: str) -> Array:
+    """Returns the variance () of the penalty or of the total cost."""
+    if variance_of == "penalty":
+        return moments.penalty_var
+    total = moments.base_var + 2 * moments.covariance + moments.penalty_var
+    return jnp.maximum(total, 0.0)  # quadrature weights may be negative
 
 
 def mixture_moments(problem: Problem, weights: Array, means: Array, covs: Array) -> CostMoments:
-    """Moments of the running cost under sum_i w_i N(mu_i, Sigma_i); weights (m,), means (m, nx), covs (m, nx, nx).
+    """Returns the moments of the running cost under sum_i w_i N(mu_i, Sigma_i).
 
-    Those within the components and those between them: deviations from the whole's expectation are taken before
-    they are multiplied, so nothing cancels. By components: an axis for them takes twice as long.
+    They are those within the components and those between them. Deviations from the expectation of the
+    mixture are taken before they are multiplied, so nothing cancels. The components are unrolled: an
+    array axis for them takes twice as long.
+
+    Args:
+        problem: the problem, for its cost
+        weights: (m,)
+        means: (m, nx)
+        covs: (m, nx, nx)
     """
     each = [running_moments(problem, mean, cov) for mean, cov in zip(means, covs, strict=True)]
-    base, penalty = dot(weights, [m.base for m in each]), dot(weights, [m.penalty for m in each])
+    base = dot(weights, [m.base for m in each])
+    penalty = dot(weights, [m.penalty for m in each])
     return CostMoments(
         base,
         penalty,
@@ -92,33 +115,31 @@ def mixture_risk_sensitive(
     variance_of: str = "penalty",
     expectation: str = "exact",
 ) -> Array:
-    """q_RS () of a mixture; "at_mean" is the mean of the penalties at the components' means."""
-    m = mixture_moments(problem, weights, means, covs)
-    return _charged(
-        m,
-        m.penalty
-        if expectation == "exact"
-        else dot(weights, [problem.penalty(mean) for mean in means]),
-        theta,
-        variance_of,
-    )
+    """Returns q_RS () of a mixture with weights (m,), means (m, nx) and covariances (m, nx, nx).
+
+    The other arguments are those of `risk_sensitive`; "at_mean" takes the mean of the penalties at the
+    components' means.
+    """
+    moments = mixture_moments(problem, weights, means, covs)
+    penalty = moments.penalty
+    if expectation != "exact":
+        penalty = dot(weights, [problem.penalty(mean) for mean in means])
+    return moments.base + penalty + 0.5 * theta * _variance(moments, variance_of)
 
 
 def certainty_equivalent(problem: Problem, mean: Array) -> Array:
-    """The running cost at the mean (), blind to the covariance."""
+    """Returns the running cost () at a mean (nx,), blind to the covariance."""
     return problem.cost.base(mean) + problem.penalty(mean)
 
 
 def expected_terminal(problem: Problem, mean: Array, cov: Array) -> Array:
-    """phi(mu, Sigma) ()."""
+    """Returns phi(mu, Sigma) () for a mean (nx,) and a covariance (nx, nx)."""
     if isinstance(problem.cost, ClosedFormCost):
         return problem.cost.terminal_mean(mean, cov)
     return quadrature.expectation(problem.cost.terminal, mean, cov)
 
 
 def mixture_terminal(problem: Problem, weights: Array, means: Array, covs: Array) -> Array:
-    """The same of a mixture."""
-    return dot(
-        weights,
-        [expected_terminal(problem, mean, cov) for mean, cov in zip(means, covs, strict=True)],
-    )
+    """Returns the expected terminal cost () of a mixture with weights (m,), means and covariances."""
+    components = zip(means, covs, strict=True)
+    return dot(weights, [expected_terminal(problem, mean, cov) for mean, cov in components])

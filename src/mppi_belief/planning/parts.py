@@ -125,6 +125,19 @@ class Sampler(Protocol):
         """Returns the nominal (H, nu) of the next step for the improved plan (H, nu) of this one."""
 
 
+@runtime_checkable
+class SampledPaths(Protocol):
+    """Optional ability of diagnostics: they hold the sampled paths, which can then be recorded."""
+
+    @property
+    def means(self) -> Array:
+        """Belief means (H, nx, N) along the paths."""
+
+    @property
+    def weights(self) -> Array:
+        """Weights (N,) of the paths, adding up to one."""
+
+
 class PlanInfo(NamedTuple):
     """Diagnostics of one step of a sampling planner."""
 
