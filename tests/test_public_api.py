@@ -9,14 +9,14 @@ import textwrap
 from collections.abc import Iterator
 from pathlib import Path
 
+import jax
 import numpy as np
 import pytest
 
 import mppi_belief as mb
 from cli_helpers import compose, python
 from experiment_helpers import compiled_quickly
-from helpers import light_dark_problem
-from mppi_belief.trial import run_trials
+from mppi_belief.trial import build, run_trials
 from mppi_belief.trial_metrics import Metrics
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -151,8 +151,13 @@ def test_the_example_of_the_package_runs(capsys):
     exec("\n".join(blocks), names)
     assert names["trial"].states.shape == (61, 4)
     assert "cost=" in capsys.readouterr().out
-    reference = light_dark_problem()
-    assert repr(names["problem"]) == repr(reference)
+    assert "\n\n".join(block.strip("\n") for block in blocks) in (ROOT / "README.md").read_text()
+    configured = build(compose("controller=belief"))
+    example = (names["problem"], names["planner"])
+    default = (configured.problem, configured.controller)
+    assert jax.tree.structure(example) == jax.tree.structure(default)
+    for value, expected in zip(jax.tree.leaves(example), jax.tree.leaves(default), strict=True):
+        np.testing.assert_allclose(value, expected, rtol=1e-6)
 
 
 @pytest.mark.parametrize("setting", GOLDEN)

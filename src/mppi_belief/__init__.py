@@ -4,28 +4,20 @@ They need no Hydra and no command line. docs/api.md has an example of each.
 
     import mppi_belief as mb
 
+    discs = mb.Obstacles(centers=[[3, 1], [3, -1]], radius=0.65)
     system = mb.LightDark(process_noise=0.3, light=5, noise_slope=0.5**0.5, noise_floor=0.1)
     cost = mb.GoalObstacleCost(
         goal=[7, 0, 0, 0],
-        running_weight=[1.5, 1.5, 0.6, 0.6],
+        running_weight=[1, 1, 2, 2],
         terminal_weight=[5, 5, 0.15, 0.15],
-        control_weight=[0.035, 0.035],
-        w_obs=500,
-        bump_width=0.285,
+        control_weight=[0.2, 0.2],
+        w_obs=300,
+        bump_width=0.26,
     )
-    problem = mb.Problem(
-        system,
-        cost,
-        prior_mean=[1, 1, 0, 0],
-        prior_std=[0.2, 0.2, 0.05, 0.05],
-        dt=0.1,
-        steps=60,
-        obstacles=mb.Obstacles(centers=[[3, 1], [3, -1]], radius=0.65),
-        position=(0, 1),
-    )
-    planner = mb.MPPI(
-        path_cost=mb.RiskSensitive(theta=1), sampler=mb.NominalSampler(control_std=2.75)
-    )
+    prior = {"prior_mean": [0.9, 1.9, 0, 0], "prior_std": [0.25, 0.25, 0.05, 0.05]}
+    problem = mb.Problem(system, cost, **prior, dt=0.1, steps=60, obstacles=discs, position=(0, 1))
+    sampler = mb.NominalSampler(control_std=2.75)
+    planner = mb.MPPI(path_cost=mb.RiskSensitive(theta=1), sampler=sampler)
     trial = mb.simulate_trial(problem, mb.EKF(), planner, seed=0, trial=0)
     print(mb.metrics(problem, trial))
 
