@@ -15,7 +15,7 @@ from mppi_belief.cli.replay import _changes
 from mppi_belief.config.cell import ALGORITHM_VERSION, Cell
 from mppi_belief.results import table as results
 from mppi_belief.trial import run_trials, trials
-from mppi_belief.trial.rerun import differences, shown, ulps
+from mppi_belief.trial.rerun import differences, finite_steps, ulps
 from study_helpers import row
 
 RUN = {
@@ -252,7 +252,7 @@ def test_differences_are_of_bits():
 
 def test_a_picture_ends_where_the_numbers_do():
     step = {"state": np.zeros(2), "mean": np.zeros(2), "cov": np.zeros(4)}
-    assert len([*shown([step, step, step | {"cov": np.full(4, np.inf)}, step])]) == 2
+    assert len([*finite_steps([step, step, step | {"cov": np.full(4, np.inf)}, step])]) == 2
 
 
 def test_code_that_has_changed_since_is_told():

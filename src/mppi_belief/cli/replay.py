@@ -150,13 +150,16 @@ def _difference(one: Any, precision: str) -> str:
 
 def _draw(kept: Kept, batch: Any) -> None:
     """A picture of the trial as it ran now, beside the results of its cell; raises OSError."""
+    import pandas as pd
+
     from ..report import figures
+    from ..report.positions import position_first
     from ..report.summary import label_text
     from ..trial.recording import sampled_paths
-    from ..trial.rerun import shown
+    from ..trial.rerun import finite_steps
 
-    steps = [*shown(batch.paths)]
-    if len(steps) < 2 or batch.scene is None:
+    steps, scene = position_first(pd.DataFrame(list(finite_steps(batch.paths))), batch.scene)
+    if len(steps) < 2 or scene is None:
         print("no picture: it has no path")
         return
     try:
@@ -171,7 +174,11 @@ def _draw(kept: Kept, batch: Any) -> None:
     picture = kept.folder / f"replay-{kept.trial}.png"
     figures.save_png(
         figures.one_trial_figure(
-            steps, batch.scene, samples, kept.config["names"]["controller"], title
+            steps.to_dict("records"),  # type: ignore[arg-type]
+            scene,
+            samples,
+            kept.config["names"]["controller"],
+            title,
         ),
         picture,
     )

@@ -11,6 +11,7 @@ from ..config.cell import Cell, labels
 from ..results.columns import COLUMNS
 from ..results.contents import CellContents, read_cell
 from ..results.sources import sources_of
+from .positions import position_first
 from .summary import label_text
 
 METHOD_NAMES = {
@@ -126,6 +127,7 @@ def read_cell_results(
 
     # The files beside the tables.
     scene = _read_notes(contents, "scene", {"dt", "start", "goal", "obstacles", "radius"})
+    steps, scene = position_first(steps, scene)
     timing = _read_notes(contents, "timing", {"seconds"})
     recording_name = f"recording-{cell.config.get('record')}"
     recording = _read_notes(contents, recording_name, {"trial", "samples", "matching"})
@@ -134,26 +136,12 @@ def read_cell_results(
         cell=cell,
         wanted=wanted,
         rows=rows,
-        paths=_position_first(steps, scene),
+        paths=steps,
         scene=scene,
         seconds=timing["seconds"] if timing else [],
         recording=recording,
         sources=sources_of(contents, rows["trial"]),
     )
-
-
-def _position_first(steps: pd.DataFrame, scene: dict[str, Any] | None) -> pd.DataFrame:
-    """Returns the steps with the position as the first components of state, mean and cov."""
-    position = (scene or {}).get("position", [])
-    if steps.empty or position == list(range(len(position))):
-        return steps
-    nx = len(steps["state"].iloc[0])
-    order = [*position, *(i for i in range(nx) if i not in position)]
-    block = np.ix_(order, order)
-    states: Any = [np.asarray(state)[order] for state in steps["state"]]
-    means: Any = [np.asarray(mean)[order] for mean in steps["mean"]]
-    covs: Any = [np.reshape(cov, (nx, nx))[block].ravel() for cov in steps["cov"]]
-    return steps.assign(state=states, mean=means, cov=covs)
 
 
 def _read_notes(contents: CellContents, name: str, keys: set[str]) -> dict[str, Any] | None:

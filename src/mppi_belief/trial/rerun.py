@@ -93,7 +93,7 @@ def _rank(value: float, bits: str) -> int:
     return -found if value < 0 else found
 
 
-def shown(path: Sequence[dict[str, Any]]) -> Iterator[dict[str, Any]]:
+def finite_steps(path: Sequence[dict[str, Any]]) -> Iterator[dict[str, Any]]:
     """The steps of a path before it leaves the finite numbers."""
     for step in path:
         if not np.all(np.isfinite(np.concatenate([step["state"], step["mean"], step["cov"]]))):
