@@ -26,7 +26,7 @@ from environments import ROOT  # noqa: E402
 from mppi_belief import MPPI  # noqa: E402
 from mppi_belief.config.compose import collect  # noqa: E402
 from mppi_belief.simulate import closed_loop  # noqa: E402
-from mppi_belief.trial import Experiment, build, time_steps  # noqa: E402
+from mppi_belief.trial import CellParts, build, time_steps  # noqa: E402
 
 SAMPLES = (50, 150, 500, 1500, 5000)
 STEPS = range(0, 30, 3)  # of the trial: the obstacles are passed in its first 3 s
@@ -108,7 +108,7 @@ def ratio(a: np.ndarray, b: np.ndarray) -> list[float]:
     return [float(a.mean() / b.mean()), float(low), float(high)]
 
 
-def moments(parts: Experiment) -> Moment:
+def moments(parts: CellParts) -> Moment:
     """Returns the arguments of the planner as configured at `STEPS` of trial 0."""
     problem, filter, controller = parts
 
@@ -126,7 +126,7 @@ def moments(parts: Experiment) -> Moment:
 
 
 def controls(
-    parts: Experiment, moment_stack: Moment, n: int, mirrored: bool, n_keys: int, seed: int
+    parts: CellParts, moment_stack: Moment, n: int, mirrored: bool, n_keys: int, seed: int
 ) -> np.ndarray:
     """Returns the first controls (steps, keys, nu)."""
     sampler = replace(parts.controller.sampler, antithetic=mirrored)

@@ -23,7 +23,7 @@ from mppi_belief.belief.cost import running_moments
 from mppi_belief.config.cell import Cell
 from mppi_belief.config.compose import RUNTIME_KEYS
 from mppi_belief.problem import ClosedFormCost, Cost, System
-from mppi_belief.trial import Experiment, build, check, run_trials
+from mppi_belief.trial import CellParts, build, check, run_trials
 
 GROUPS = ("system", "cost", "filter", "controller", "sweep", "experiment")
 OPTIONS = {group: sorted(path.stem for path in CONF.glob(f"{group}/*.yaml")) for group in GROUPS}
@@ -63,11 +63,11 @@ def configured(group: str, option: str, system: str) -> dict[str, Any]:
 
 
 @cache
-def built(system: str) -> Experiment:
+def built(system: str) -> CellParts:
     return build(configured("system", system, system))
 
 
-def states(experiment: Experiment) -> np.ndarray:
+def states(experiment: CellParts) -> np.ndarray:
     """Returns a few states (6, nx) around the prior and the goal."""
     rng = np.random.default_rng(1)
     ends = np.stack(
@@ -213,7 +213,7 @@ class TestPairs:
             assert np.linalg.eigvalsh(cov).min() >= -1e-6 * np.trace(cov)
         self.judge_sample_size([row["ess"] for row in batch.rows], parts)
 
-    def judge_sample_size(self, sample_sizes: list[float], parts: Experiment) -> None:
+    def judge_sample_size(self, sample_sizes: list[float], parts: CellParts) -> None:
         """Between one and the number of paths; a controller that does not sample has none."""
         if hasattr(parts.controller, "n_samples"):
             paths = parts.controller.n_samples * getattr(parts.filter, "n_particles", 1)

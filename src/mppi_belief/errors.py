@@ -1,35 +1,41 @@
-"""Errors that a person can mend, each in one line."""
+"""Defines the error that a person can mend, and what makes its message one plain line."""
 
 from collections.abc import Sequence
 from difflib import get_close_matches
 
-LONGEST_LINE = 600  # characters that are still read
+LONGEST_LINE = 600  # characters; a longer message is cut
 
 
 class ConfigError(Exception):
-    """A person's input is wrong; the message is one line that says what and where."""
+    """Says in one line what in a person's input is wrong, and where."""
 
     def __init__(self, message: str) -> None:
         super().__init__(plain_line(message))
 
 
 def plain_line(text: str) -> str:
-    """The text as one line that any terminal can print: what is not printable is escaped, what is endless is cut."""
-    shown = "".join(
+    """Return the text as one line that any terminal can print.
+
+    Characters that cannot be printed are escaped, and a line beyond `LONGEST_LINE` is cut.
+    """
+    line = "".join(
         sign if sign.isprintable() else sign.encode("unicode_escape").decode() for sign in text
     )
-    return shown if len(shown) <= LONGEST_LINE else f"{shown[: LONGEST_LINE - 4]} ..."
+    return line if len(line) <= LONGEST_LINE else f"{line[: LONGEST_LINE - 4]} ..."
 
 
-def first_line(error: BaseException) -> str:
-    """Return the first line of what an exception says, or its name if it says nothing."""
+def first_line(error: BaseException | str) -> str:
+    """Return the first line of a text or of an exception, whose name it is if it says nothing."""
     lines = str(error).strip().splitlines()
-    return lines[0] if lines else type(error).__name__
+    if lines:
+        return lines[0].strip()
+    return "" if isinstance(error, str) else type(error).__name__
 
 
 def unknown_key(
     key: str, known: Sequence[str], what: str = "key", see: str = "mppi-belief run --help"
 ) -> str:
-    """One line about a misspelt key, or another name, with the nearest known one."""
-    near = get_close_matches(key, known, n=1)
-    return f"unknown {what} '{key}'" + (f"; did you mean '{near[0]}'?" if near else f"; see {see}")
+    """Return one line about a misspelt key, or another kind of name, with the nearest known one."""
+    nearest = get_close_matches(key, known, n=1)
+    advice = f"did you mean '{nearest[0]}'?" if nearest else f"see {see}"
+    return f"unknown {what} '{key}'; {advice}"

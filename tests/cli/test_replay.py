@@ -140,7 +140,7 @@ def test_a_failed_trial_must_fail_the_same_way(replay, ran, tmp_path, monkeypatc
     def unlucky(*args: Any) -> None:
         raise RuntimeError("no plan survives\nthe first step")
 
-    monkeypatch.setattr(trials, "_run", unlucky)
+    monkeypatch.setattr(trials, "simulate_and_judge", unlucky)
     cell = ran[0]
     batch, folder = run_trials(cell.config, [0]), tmp_path / "outputs" / "results" / cell.id
     results.write_rows(folder, batch.rows, {"config": cell.config, **RUN})

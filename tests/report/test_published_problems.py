@@ -14,7 +14,7 @@ from mppi_belief.belief.gaussian import RootBelief
 from mppi_belief.report.cell_results import CellResults
 from mppi_belief.report.sections import study_sections
 from mppi_belief.report.sections.published_problems import kept_beliefs, problem_frame
-from mppi_belief.trial import Experiment, build
+from mppi_belief.trial import CellParts, build
 from report_helpers import SCENE, held, setting, trials
 
 LIGHT = 5.0
@@ -45,12 +45,12 @@ def published(
     return jnp.sum(charged) + last * (m @ m + 2 * s), means
 
 
-def planner(study: str) -> Experiment:
+def planner(study: str) -> CellParts:
     (config,) = collect(f"experiment={study}", "controller=belief_joint", "precision=float64")
     return build(config)
 
 
-def planned(parts: Experiment, controls: np.ndarray) -> tuple[jax.Array, jax.Array]:
+def planned(parts: CellParts, controls: np.ndarray) -> tuple[jax.Array, jax.Array]:
     """State costs (N,) and means (T, 2, N) of controls (T, 2, N) from the prior."""
     problem = parts.problem
     start = RootBelief(jnp.asarray(problem.prior_mean), jnp.diag(jnp.asarray(problem.prior_std)))

@@ -84,7 +84,7 @@ def five() -> dict[str, Any]:
 @pytest.fixture
 def calls(monkeypatch) -> list[list[int]]:
     """The trials at the places of every batch that runs; trial 6 raises whatever batch it is in."""
-    run, seen = trials._run, []
+    run, seen = trials.simulate_and_judge, []
 
     def cursed(*args: Any) -> Any:
         seen.append(args[-1].tolist())
@@ -92,7 +92,7 @@ def calls(monkeypatch) -> list[list[int]]:
             raise ValueError("trial 6 is cursed")
         return run(*args)
 
-    monkeypatch.setattr(trials, "_run", cursed)
+    monkeypatch.setattr(trials, "simulate_and_judge", cursed)
     return seen
 
 
@@ -107,13 +107,13 @@ def same_bits(one: Any, other: Any) -> None:
 
 def test_a_trial_has_the_same_bits_whichever_of_its_batch_are_missing(five):
     whole = run_trials(five, range(12))
-    compiled = trials._run._cache_size()
+    compiled = trials.simulate_and_judge._cache_size()
     for some in ([0, 1, 2], [7], [4, 5, 11]):
         part = run_trials(five, some)
         kept = [row for row in whole.rows if row["trial"] in some]
         steps = [step for step in whole.paths if step["trial"] in some]
         same_bits(part, whole._replace(rows=kept, paths=steps))
-    assert trials._run._cache_size() == compiled
+    assert trials.simulate_and_judge._cache_size() == compiled
 
 
 def test_all_batches_have_one_size_and_no_place_a_trial_that_is_not_wanted(five, calls):
@@ -135,7 +135,7 @@ def test_a_batch_too_large_for_the_device_is_told_and_is_no_trials_fault(five, m
     def exhausted(*args: Any) -> Any:
         raise RuntimeError("RESOURCE_EXHAUSTED: Out of memory while trying to allocate 99 bytes.")
 
-    monkeypatch.setattr(trials, "_run", exhausted)
+    monkeypatch.setattr(trials, "simulate_and_judge", exhausted)
     with pytest.raises(ConfigError, match="batch=5: too many trials for the memory"):
         run_trials(five, range(10))
 

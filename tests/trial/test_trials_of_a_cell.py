@@ -455,7 +455,7 @@ def test_precision_is_that_of_the_configuration(small):
 
 def test_sweeps_over_numbers_compile_once_and_over_sizes_again():
     run_trials(compose(*PLANNER), [0])
-    before = trials._run._cache_size()
+    before = trials.simulate_and_judge._cache_size()
     costs = [
         run_trials(compose(*PLANNER, *change), [0]).rows[0]["ess"]
         for change in (
@@ -466,11 +466,11 @@ def test_sweeps_over_numbers_compile_once_and_over_sizes_again():
             ["seed=5"],
         )
     ]
-    assert trials._run._cache_size() == before
+    assert trials.simulate_and_judge._cache_size() == before
     assert len(set(costs)) == 5
     for steps in (27, 28):
         run_trials(users() | {"problem": users()["problem"] | {"steps": steps}}, [0])
-    assert trials._run._cache_size() == before + 2
+    assert trials.simulate_and_judge._cache_size() == before + 2
 
 
 def test_control_steps_are_timed_one_by_one(small):

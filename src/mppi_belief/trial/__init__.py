@@ -1,6 +1,6 @@
 """What a worker runs: build a cell's objects, simulate its trials, time its control step."""
 
-from .build import Experiment, build, check
+from .build import CellParts, build, check
 from .device import device
 from .recording import record
 from .timing import time_steps
@@ -9,7 +9,7 @@ from .trials import KEPT_PATHS, Batch, failed_row, run_trials
 __all__ = [
     "KEPT_PATHS",
     "Batch",
-    "Experiment",
+    "CellParts",
     "build",
     "check",
     "device",

@@ -1,4 +1,4 @@
-"""From a cell's configuration to its objects: config -> problem, filter, controller."""
+"""Makes a cell's objects from its configuration: problem, filter, controller."""
 
 import dataclasses
 import functools
@@ -15,58 +15,33 @@ from ..structs import is_struct
 from .validate import check_numbers, check_problem
 
 
-class Experiment(NamedTuple):
-    """The objects of one cell."""
+class CellParts(NamedTuple):
+    """Holds the objects of one cell."""
 
     problem: Problem
     filter: Filter
     controller: Controller
 
 
-def build(config: dict[str, Any]) -> Experiment:
-    """Make the objects a configuration describes; raises `ConfigError`."""
-    made = {group: _part(config, group) for group in ("system", "cost", "filter", "controller")}
-    problem = _part(config, "problem", {"system": made["system"], "cost": made["cost"]})
+def build(config: dict[str, Any]) -> CellParts:
+    """Make the objects that a configuration describes; raises `ConfigError`."""
+    system = _make_group(config, "system")
+    cost = _make_group(config, "cost")
+    filter = _make_group(config, "filter")
+    controller = _make_group(config, "controller")
+    problem = _make_group(config, "problem", {"system": system, "cost": cost})
     if not isinstance(problem, Problem):
         raise ConfigError("problem._target_: must be mppi_belief.Problem")
-    return Experiment(problem, made["filter"], made["controller"])
-
-
-def _part(config: dict[str, Any], group: str, parts: dict[str, Any] | None = None) -> Any:
-    if "_target_" not in config[group]:
-        raise ConfigError(f"{group} has no _target_, the class it is made of")
-    return _make(config[group], group, parts)
-
-
-def _make(node: Any, path: str, parts: dict[str, Any] | None = None) -> Any:
-    """A dict with `_target_` becomes that object, its values made first; anything else stays as it is."""
-    if isinstance(node, list):
-        return [_make(item, path) for item in node]
-    if not isinstance(node, dict):
-        return node
-    values = {
-        key: _make(value, f"{path}.{key}") for key, value in node.items() if key != "_target_"
-    }
-    if "_target_" not in node:
-        return values
-    target = locate(node["_target_"], path)
-    if not (isinstance(target, type) and is_struct(target)):
-        raise ConfigError(
-            f"{path}._target_={node['_target_']}: must name a class made with mppi_belief.struct"
-        )
-    known = [field.name for field in dataclasses.fields(target)]
-    for key in values:
-        if key not in known:
-            raise ConfigError(unknown_key(f"{path}.{key}", [f"{path}.{name}" for name in known]))
-    try:
-        return target(**values, **(parts or {}))
-    except (TypeError, ValueError, OverflowError) as error:
-        raise ConfigError(f"{path}.{error}") from error
+    return CellParts(problem, filter, controller)
 
 
 def check(config: dict[str, Any]) -> None:
-    """Build everything, compute it at a few states, trace one trial without running it; raises `ConfigError`."""
-    parts, precision = build(config), config["precision"]
+    """Check that a configuration can be run, without running a trial; raises `ConfigError`.
+
+    Everything is built, computed at a few states, and one trial is traced.
+    """
+    parts = build(config)
+    precision = config["precision"]
     with jax.enable_x64(precision == "float64"):
         check_numbers(parts, precision)
         check_problem(parts.problem, precision)
@@ -74,9 +49,41 @@ def check(config: dict[str, Any]) -> None:
         _check_trial(structure, tuple(np.shape(leaf) for leaf in leaves), precision)
 
 
+def _make_group(config: dict[str, Any], group: str, parts: dict[str, Any] | None = None) -> Any:
+    """Make the object of one group of a configuration, from its node and from `parts`."""
+    if "_target_" not in config[group]:
+        raise ConfigError(f"{group} has no _target_, the class it is made of")
+    return _make(config[group], group, parts)
+
+
+def _make(node: Any, path: str, parts: dict[str, Any] | None = None) -> Any:
+    """Make an object of every mapping with a `_target_`, from the inside out; the rest stays as it is."""
+    if isinstance(node, list):
+        return [_make(item, path) for item in node]
+    if not isinstance(node, dict):
+        return node
+    settings = {key: value for key, value in node.items() if key != "_target_"}
+    values = {key: _make(value, f"{path}.{key}") for key, value in settings.items()}
+    if "_target_" not in node:
+        return values
+    target = locate(node["_target_"], path)
+    if not (isinstance(target, type) and is_struct(target)):
+        raise ConfigError(
+            f"{path}._target_={node['_target_']}: must name a class made with mppi_belief.struct"
+        )
+    known = [f"{path}.{field.name}" for field in dataclasses.fields(target)]
+    for key in values:
+        if f"{path}.{key}" not in known:
+            raise ConfigError(unknown_key(f"{path}.{key}", known))
+    try:
+        return target(**values, **(parts or {}))
+    except (TypeError, ValueError, OverflowError) as error:
+        raise ConfigError(f"{path}.{error}") from error
+
+
 @functools.cache
 def _check_trial(structure: Any, shapes: tuple[tuple[int, ...], ...], precision: str) -> None:
-    """Trace a trial of this structure in the current precision: a sweep over numbers needs it once."""
+    """Trace a trial of this structure in the current precision; a sweep over numbers needs it once."""
     parts = jax.tree.unflatten(structure, [jax.ShapeDtypeStruct(shape, float) for shape in shapes])
     try:
         jax.eval_shape(simulate_trial, *parts, 0, 0)

@@ -1,4 +1,4 @@
-"""What computes: the device that a configuration's platform names, in the precision it asks for."""
+"""Selects what computes: the device of a configuration's platform, in the precision it asks for."""
 
 import logging
 import os
@@ -8,61 +8,72 @@ from typing import Any
 
 import jax
 
-from ..errors import ConfigError
+from ..errors import ConfigError, first_line
 from ..numerics.dispatch import compute_in_calling_thread
+
+BACKEND_LOGGER = "jax._src.xla_bridge"  # logs why a plugin of JAX cannot be loaded
 
 
 def device(config: dict[str, Any]) -> str:
-    """What JAX calls the device that this process computes on; raises `ConfigError` if its platform is another."""
+    """Return what JAX calls the device that this process computes on.
+
+    Raises `ConfigError` if there is none of the configuration's platform, or JAX has chosen another.
+    """
     compute_in_calling_thread()
-    wanted, chosen = config["platform"], f"JAX_PLATFORMS={os.environ.get('JAX_PLATFORMS', '')}"
-    with _heard() as said:
+    platform = config["platform"]
+    selected = f"JAX_PLATFORMS={os.environ.get('JAX_PLATFORMS', '')}"
+    requirement = f"platform={platform}: {_requirement(platform)}; with {selected}"
+    with _backend_messages() as messages:
         try:
-            found = jax.devices()[0]
-        except (
-            Exception
-        ) as error:  # an assertion without words where there is no such device at all
-            reason = [*said, str(error).partition(" (set JAX_PLATFORMS")[0], "none is there"]
-            line = next(filter(None, reason)).partition("\n")[0]
-            raise ConfigError(
-                f"platform={wanted}: {_needed(wanted)}; with {chosen}: {line}"
-            ) from error
-    if found.platform != wanted:
-        raise ConfigError(
-            f"platform={wanted}: {_needed(wanted)}; with {chosen} JAX computes on the {found.platform}"
-        )
-    return str(found.device_kind)
+            first_device = jax.devices()[0]
+        except Exception as error:
+            # Where there is no such device at all, JAX raises an assertion without words.
+            text = str(error).partition(" (set JAX_PLATFORMS")[0]
+            reasons = [*messages, text, "there is none"]
+            reason = next(filter(None, reasons))
+            raise ConfigError(f"{requirement}: {first_line(reason)}") from error
+    if first_device.platform != platform:
+        raise ConfigError(f"{requirement} JAX computes on the {first_device.platform}")
+    return str(first_device.device_kind)
 
 
 @contextmanager
-def _heard() -> Iterator[list[str]]:
-    """What JAX would log while it looks for devices: a plugin that fails is a traceback there, even if not wanted."""
-    said: list[str] = []
+def computing(config: dict[str, Any]) -> Iterator[None]:
+    """Compute on the configuration's platform and in its precision.
 
-    def keep(record: logging.LogRecord) -> bool:
-        said.append(str(record.exc_info[1]) if record.exc_info else record.getMessage())
-        return False
-
-    logger = logging.getLogger("jax._src.xla_bridge")
-    logger.addFilter(keep)
-    try:
-        yield said
-    finally:
-        logger.removeFilter(keep)
+    Raises `ConfigError` where that cannot be, see `device`.
+    """
+    device(config)
+    with ExitStack() as settings:
+        settings.enter_context(jax.enable_x64(config["precision"] == "float64"))
+        if config["platform"] == "gpu":
+            # A GPU multiplies float32 matrices with a mantissa of 10 bits otherwise.
+            settings.enter_context(jax.default_matmul_precision("highest"))
+        yield
 
 
-def _needed(platform: str) -> str:
+def _requirement(platform: str) -> str:
+    """Return what a platform needs."""
     if platform == "gpu":
         return 'needs an NVIDIA GPU and pip install "mppi-belief[gpu]"'
     return "needs JAX_PLATFORMS unset or cpu"
 
 
 @contextmanager
-def computing(config: dict[str, Any]) -> Iterator[None]:
-    """Compute on the configuration's platform and in its precision; raises `ConfigError`, see `device`."""
-    device(config)
-    with ExitStack() as settings:
-        settings.enter_context(jax.enable_x64(config["precision"] == "float64"))
-        if config["platform"] == "gpu":  # which multiplies float32 matrices with 10 bits otherwise
-            settings.enter_context(jax.default_matmul_precision("highest"))
-        yield
+def _backend_messages() -> Iterator[list[str]]:
+    """Collect what JAX would log while it looks for devices.
+
+    A plugin that fails is logged with a traceback, even if its platform is not wanted.
+    """
+    messages: list[str] = []
+
+    def collect(record: logging.LogRecord) -> bool:
+        messages.append(str(record.exc_info[1]) if record.exc_info else record.getMessage())
+        return False
+
+    logger = logging.getLogger(BACKEND_LOGGER)
+    logger.addFilter(collect)
+    try:
+        yield messages
+    finally:
+        logger.removeFilter(collect)

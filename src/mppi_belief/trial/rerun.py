@@ -1,4 +1,4 @@
-"""One trial once more: is it what was kept of it, bit for bit?"""
+"""Runs one trial again and compares it, bit for bit, with what was kept of it."""
 
 from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
@@ -7,24 +7,25 @@ import numpy as np
 
 from .trials import Batch, run_trials
 
-PATH = ("state", "mean", "cov", "control")
+PATH_QUANTITIES = ("state", "mean", "cov", "control")  # columns of a path that are compared
 
 
 class Difference(NamedTuple):
-    """A value that came out otherwise. `ulp` is how many numbers of the trial's precision lie between, None where it
-    is no number; so many `values` of that name differ, `place` is the first of them."""
+    """A quantity that came out otherwise."""
 
-    name: str
-    then: Any
-    now: Any
-    ulp: int | None
-    values: int
-    place: str
+    name: str  # the column
+    then: Any  # the first value that differs, as it was kept
+    now: Any  # the same value of the new run
+    ulp: int | None  # numbers of the precision between them, the most of all; None: no numbers
+    values: int  # how many values of this column differ
+    place: str  # where along the path the first one is; empty for a value of the row
 
 
 def rerun(config: dict[str, Any], trial: int) -> Batch:
-    """Run one trial, at its place in its batch, with its path whichever it is; raises `ConfigError` where that cannot
-    be."""
+    """Run one trial at its place in its batch, and keep its path.
+
+    Raises `ConfigError` where the configuration cannot be run.
+    """
     return run_trials(config, [trial], kept=trial + 1)
 
 
@@ -35,66 +36,75 @@ def differences(
     again: Sequence[dict[str, Any]],
     bits: str,
 ) -> list[Difference]:
-    """What differs between two rows and two paths; `bits` is the precision, "float32" or "float64". The columns are
-    those of `then`; a path of which nothing was kept is not compared."""
-    found = [_compare(name, value, now.get(name), bits) for name, value in then.items()]
+    """Return what differs between two rows and two paths.
+
+    The columns are those of `then`. A number that was not kept, and a path of which nothing was
+    kept, are not compared. `bits` is the precision, "float32" or "float64".
+    """
+    compared = [_compare_values(name, value, now.get(name), bits) for name, value in then.items()]
     if path and len(path) != len(again):
-        found.append(Difference("steps of the path", len(path), len(again), None, 1, ""))
+        compared.append(Difference("steps of the path", len(path), len(again), None, 1, ""))
     elif path:
-        found += [_along(name, path, again, bits) for name in PATH]
-    return [one for one in found if one is not None]
+        compared += [_compare_paths(name, path, again, bits) for name in PATH_QUANTITIES]
+    return [difference for difference in compared if difference is not None]
 
 
-def _compare(name: str, then: Any, now: Any, bits: str) -> Difference | None:
+def _compare_values(name: str, then: Any, now: Any, bits: str) -> Difference | None:
+    """Compare two values of a row."""
     if isinstance(then, float) and isinstance(now, float):
-        if _same(np.array([then]), np.array([now])).all():
+        if _same_bits(np.array([then]), np.array([now])).all():
             return None
         return Difference(name, then, now, ulps(then, now, bits), 1, "")
-    return None if then == now else Difference(name, then, now, None, 1, "")
+    not_kept = then is None and isinstance(now, float)
+    if then == now or not_kept:
+        return None
+    return Difference(name, then, now, None, 1, "")
 
 
-def _along(
+def _compare_paths(
     name: str, path: Sequence[dict[str, Any]], again: Sequence[dict[str, Any]], bits: str
 ) -> Difference | None:
-    """The first difference of one quantity along a path, and how many there are; the largest in ulp."""
-    then, now = (
-        np.array([step[name] for step in steps], dtype=np.float64) for steps in (path, again)
-    )
+    """Compare one quantity along two paths of the same length."""
+    then = np.array([step[name] for step in path], dtype=np.float64)
+    now = np.array([step[name] for step in again], dtype=np.float64)
     if then.shape != now.shape:
-        return Difference(
-            name, f"{then.shape[1]} values a step", f"{now.shape[1]} values a step", None, 1, ""
-        )
-    other = np.argwhere(~_same(then, now))
-    if not len(other):
+        sizes = [f"{values.shape[1]} values per step" for values in (then, now)]
+        return Difference(name, sizes[0], sizes[1], None, 1, "")
+    differing = [tuple(index) for index in np.argwhere(~_same_bits(then, now))]
+    if not differing:
         return None
-    step, at = (int(number) for number in other[0])
-    apart = [ulps(then[tuple(one)], now[tuple(one)], bits) for one in other]
-    most = max((one for one in apart if one is not None), default=None)
-    place = f"step {path[step]['step']}, component {at}"
-    return Difference(name, float(then[step, at]), float(now[step, at]), most, len(other), place)
+    distances = [ulps(then[index], now[index], bits) for index in differing]
+    largest = max((ulp for ulp in distances if ulp is not None), default=None)
+    step, component = differing[0]
+    place = f"step {path[step]['step']}, component {component}"
+    first_then = float(then[differing[0]])
+    first_now = float(now[differing[0]])
+    return Difference(name, first_then, first_now, largest, len(differing), place)
 
 
-def _same(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """Where float64 values have the same bits, or are both not a number."""
-    return (one.view(np.int64) == other.view(np.int64)) | (np.isnan(one) & np.isnan(other))
+def _same_bits(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """Return where float64 values have the same bits, or are both not a number."""
+    same = first.view(np.int64) == second.view(np.int64)
+    return same | (np.isnan(first) & np.isnan(second))
 
 
-def ulps(one: float, other: float, bits: str) -> int | None:
-    """How many steps of a precision lie between two numbers; None if one is not finite."""
-    if not (np.isfinite(one) and np.isfinite(other)):
+def ulps(first: float, second: float, bits: str) -> int | None:
+    """Return how many steps of a precision lie between two numbers; None if one is not finite."""
+    if not (np.isfinite(first) and np.isfinite(second)):
         return None
-    return abs(_rank(one, bits) - _rank(other, bits))
+    return abs(_rank(first, bits) - _rank(second, bits))
 
 
 def _rank(value: float, bits: str) -> int:
-    """The place of a number among all of its precision, 0 for zero and negative for negative ones."""
+    """Return the place of a number among all of its precision, 0 for zero, negative below it."""
     kind: Any = np.dtype(bits).type
-    found = int(abs(kind(value)).view(np.dtype(bits).str.replace("f", "i")))
-    return -found if value < 0 else found
+    integer = np.dtype(bits).str.replace("f", "i")
+    rank = int(abs(kind(value)).view(integer))
+    return -rank if value < 0 else rank
 
 
 def finite_steps(path: Sequence[dict[str, Any]]) -> Iterator[dict[str, Any]]:
-    """The steps of a path before it leaves the finite numbers."""
+    """Yield the steps of a path before it leaves the finite numbers."""
     for step in path:
         if not np.all(np.isfinite(np.concatenate([step["state"], step["mean"], step["cov"]]))):
             return

@@ -1,4 +1,4 @@
-"""What a picture of the trials needs to know of the world they ran in."""
+"""Describes the scene of a cell's trials: what a picture of them needs to know."""
 
 from typing import Any
 
@@ -10,9 +10,18 @@ from ..belief.prior import prior_mixture
 from ..obstacles import Obstacles
 from ..problem import Problem
 
+MARGIN = 5.0  # m, of the noise map around start, goal and obstacles
+MAP_COLUMNS = 91  # grid points of the noise map along the first axis
+MAP_ROWS = 31  # grid points along the second axis
+
 
 def describe_scene(problem: Problem) -> dict[str, Any]:
-    """dt, start (and `starts`, of a prior with modes), goal, obstacles and, in the plane, sigma_o on a grid."""
+    """Return the scene in plain numbers.
+
+    Its keys are dt (s), position (components of the state), start, goal and obstacles (m), radius
+    (m); `starts` for a prior with modes; and `noise`, sigma_o on a grid, for positions in the plane.
+    Obstacles other than discs are left out.
+    """
     start = np.asarray(problem.position_of(jnp.asarray(problem.prior_mean)))
     goal = np.asarray(problem.position_of(jnp.asarray(problem.cost.goal)))
     centers = np.zeros((0, len(start)))
@@ -22,7 +31,7 @@ def describe_scene(problem: Problem) -> dict[str, Any]:
         radius = float(problem.obstacles.radius)
     scene: dict[str, Any] = {
         "dt": float(problem.dt),
-        "position": problem.surroundings.position_first(len(problem.prior_mean))[: len(start)],
+        "position": _components(problem),
         "start": start.tolist(),
         "goal": goal.tolist(),
         "obstacles": centers.tolist(),
@@ -36,22 +45,32 @@ def describe_scene(problem: Problem) -> dict[str, Any]:
     return scene
 
 
+def _components(problem: Problem) -> list[int]:
+    """Return the components of the state that are the position, also where they are all of them."""
+    nx = len(problem.prior_mean)
+    return list(range(nx) if problem.position is None else problem.position)
+
+
 def _noise_map(problem: Problem, points: np.ndarray) -> dict[str, Any]:
-    """Root mean square of the measurement noise's standard deviations over a grid around the points."""
-    low, high = points.min(axis=0) - 5, points.max(axis=0) + 5
-    x, y = np.linspace(low[0], high[0], 91), np.linspace(low[1], high[1], 31)
-    base = jnp.asarray(problem.prior_mean)
-    first, second = problem.surroundings.position_first(len(base))[:2]
+    """Return the root mean square of sigma_o over a grid around points (P, 2), at the prior's mean.
+
+    The level has the shape (MAP_ROWS, MAP_COLUMNS).
+    """
+    low = points.min(axis=0) - MARGIN
+    high = points.max(axis=0) + MARGIN
+    x = np.linspace(low[0], high[0], MAP_COLUMNS)
+    y = np.linspace(low[1], high[1], MAP_ROWS)
+    state = jnp.asarray(problem.prior_mean)
+    first, second = _components(problem)
 
     def level(px: jax.Array, py: jax.Array) -> jax.Array:
-        factor = problem.system.sigma_o(base.at[first].set(px).at[second].set(py))
+        factor = problem.system.sigma_o(state.at[first].set(px).at[second].set(py))
         return jnp.sqrt(jnp.mean(jnp.sum(factor**2, axis=1)))
 
-    grid = jax.vmap(jax.vmap(level, in_axes=(0, None)), in_axes=(None, 0))(
-        jnp.asarray(x), jnp.asarray(y)
-    )
+    row = jax.vmap(level, in_axes=(0, None))
+    levels = jax.vmap(row, in_axes=(None, 0))(jnp.asarray(x), jnp.asarray(y))
     return {
         "x": x.tolist(),
         "y": y.tolist(),
-        "level": np.round(np.asarray(grid, dtype=float), 4).tolist(),
+        "level": np.round(np.asarray(levels, dtype=float), 4).tolist(),
     }

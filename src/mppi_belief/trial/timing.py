@@ -1,4 +1,4 @@
-"""The Time column: one control step, alone in its process, compiled and warm."""
+"""Measures the Time column: single control steps, alone in their process, compiled and warm."""
 
 import functools
 import time
@@ -16,55 +16,59 @@ from ..simulate import (
     role_key,
     step_plant_and_filter,
 )
-from .build import Experiment, build
+from .build import CellParts, build
 from .device import computing
 
 
 def time_steps(config: dict[str, Any], calls: int = 200) -> list[float]:
-    """Wall times (s) of single control steps in closed loop, compiled, after warm-up, each waited for."""
+    """Return wall times (s) of single control steps in closed loop.
+
+    They are compiled and warm, and each is waited for before the next.
+    """
     with computing(config):
         parts = jax.device_put(build(config))
-        act, rest = _step_functions()
+        act, respond = _step_functions()
         times: list[float] = []
         trial = 0
         while len(times) < calls:
-            times += _time_one_trial(parts, config["seed"], trial, act, rest)
+            times += _time_one_trial(parts, config["seed"], trial, act, respond)
             trial += 1
     return times[:calls]
 
 
 @functools.cache
 def _step_functions() -> tuple[Any, Any]:
-    act = jax.jit(
-        lambda problem, controller, belief, plan, key: controller.act(problem, belief, plan, key)[
-            :2
-        ]
-    )
-    return act, jax.jit(step_plant_and_filter)
+    """Return the compiled control step, without diagnostics, and the compiled rest of a step."""
+
+    def act(problem: Any, controller: Any, belief: Any, plan: Any, key: Any) -> tuple[Any, Any]:
+        u, plan, _ = controller.act(problem, belief, plan, key)
+        return u, plan
+
+    return jax.jit(act), jax.jit(step_plant_and_filter)
 
 
-def _time_one_trial(parts: Experiment, seed: int, trial: int, act: Any, rest: Any) -> list[float]:
+def _time_one_trial(parts: CellParts, seed: int, trial: int, act: Any, respond: Any) -> list[float]:
+    """Return the wall times (s) of the control steps of one trial."""
     problem, filter, controller = parts
-    keys = [role_key(seed, trial, role) for role in (PLANT, FILTER, PLANNER)]
-    x = sample_prior(problem, jax.random.fold_in(keys[PLANT], INITIAL_DRAW))
-    belief = filter.init(problem, jax.random.fold_in(keys[FILTER], INITIAL_DRAW))
-    plan, times = controller.init(problem), []
+    plant_key = role_key(seed, trial, PLANT)
+    filter_key = role_key(seed, trial, FILTER)
+    planner_key = role_key(seed, trial, PLANNER)
+    x = sample_prior(problem, jax.random.fold_in(plant_key, INITIAL_DRAW))
+    belief = filter.init(problem, jax.random.fold_in(filter_key, INITIAL_DRAW))
+    plan = controller.init(problem)
+
+    # Warm-up: the first call compiles.
     if trial == 0:
-        jax.block_until_ready(
-            act(problem, controller, controller_belief(controller, belief, x), plan, keys[PLANNER])
-        )
+        known = controller_belief(controller, belief, x)
+        jax.block_until_ready(act(problem, controller, known, plan, planner_key))
+
+    times = []
     for k in range(problem.steps):
-        args = jax.block_until_ready(
-            (
-                problem,
-                controller,
-                controller_belief(controller, belief, x),
-                plan,
-                jax.random.fold_in(keys[PLANNER], k),
-            )
-        )
+        known = controller_belief(controller, belief, x)
+        key = jax.random.fold_in(planner_key, k)
+        arguments = jax.block_until_ready((problem, controller, known, plan, key))
         started = time.perf_counter()
-        u, plan = jax.block_until_ready(act(*args))
+        u, plan = jax.block_until_ready(act(*arguments))
         times.append(time.perf_counter() - started)
-        x, _, belief = rest(problem, filter, x, belief, u, keys[PLANT], keys[FILTER], k)
+        x, _, belief = respond(problem, filter, x, belief, u, plant_key, filter_key, k)
     return times

@@ -1,11 +1,12 @@
-"""From a cell's configuration to rows: the trials a worker runs.
+"""Turns a cell's configuration into rows: the trials that a worker runs.
 
-A cell's configuration is a plain dict: what each of its parts is built from, the `names` chosen for them, a
-`seed`, a `precision`, a `platform`, a `batch`, and what was `swept`. It is all a worker gets, so a row depends on
-nothing else.
+A cell's configuration is a plain dict: what each of its parts is built from, the `names` chosen for
+them, a `seed`, a `precision`, a `platform`, a `batch`, and what was `swept`. A worker gets nothing
+else, so a row depends on nothing else.
 
-A batch is one program for `batch` trials. Its last digits may depend on the place a trial has in it, so trial i
-always has place i mod `batch`; places of trials that are not wanted repeat one that is.
+A batch is one program for `batch` trials. Its last digits may depend on the position of a trial in
+it, so trial i always has position i mod `batch`; positions of trials that are not wanted repeat one
+that is.
 """
 
 from collections.abc import Iterator, Sequence
@@ -21,79 +22,61 @@ from ..problem import Controller, Filter, Problem
 from ..results.columns import Consistency, Metrics
 from ..simulate import Trial, simulate_trial
 from ..trial_metrics import consistency, metrics
-from .build import Experiment, build
+from .build import CellParts, build
 from .device import computing
 from .scene import describe_scene
 
-KEPT_PATHS = 50  # trajectories are kept for the first so many trials, for figures
+KEPT_PATHS = 50  # number of first trials whose trajectories are kept, for figures
 
 
 class Batch(NamedTuple):
-    """Results of some trials: one row each, one path row per step of each kept trial, the scene they ran in."""
+    """Holds the results of some trials."""
 
-    rows: list[dict[str, Any]]
-    paths: list[dict[str, Any]]
-    scene: dict[str, Any] | None
+    rows: list[dict[str, Any]]  # one per trial
+    paths: list[dict[str, Any]]  # one per step of each trial whose path is kept
+    scene: dict[str, Any] | None  # see `describe_scene`; None if no path is kept
 
 
-class Judged(NamedTuple):
-    """What the numbers of a row come from."""
+class JudgedTrial(NamedTuple):
+    """Holds a trial with what its row says of it."""
 
     metrics: Metrics
     consistency: Consistency
-
-
-@jax.jit
-def _run(
-    problem: Problem, filter: Filter, controller: Controller, seed: Any, trial: Any
-) -> tuple[Metrics, Trial]:
-    """One trial () or, with one more axis at the front of all results, those of a batch (B,)."""
-
-    def one(trial: Any) -> tuple[Metrics, Trial]:
-        result = simulate_trial(problem, filter, controller, seed, trial)
-        return metrics(problem, result), result
-
-    return jax.vmap(one)(trial) if jnp.ndim(trial) else one(trial)
-
-
-@jax.jit
-def _compare(problem: Problem, filter: Filter, result: Trial) -> Consistency:
-    """The same for its consistency: a program of its own, which all controllers share."""
-
-    def one(result: Trial) -> Consistency:
-        return consistency(problem, filter, result)
-
-    return jax.vmap(one)(result) if result.ess.ndim == 2 else one(result)
+    trial: Trial
 
 
 def run_trials(config: dict[str, Any], trials: Sequence[int], kept: int = KEPT_PATHS) -> Batch:
-    """Run some trials of a cell (ascending), a batch at a time; an exception in one becomes its row's status. The
-    trajectories of the first `kept` trials are told too."""
-    rows, paths = [], []
+    """Run some trials of a cell, in ascending order, a batch at a time.
+
+    An exception in a trial becomes the status of its row. The paths of trials below `kept` are
+    returned too. Raises `ConfigError` for a configuration that cannot be run.
+    """
+    rows: list[dict[str, Any]] = []
+    paths: list[dict[str, Any]] = []
     with computing(config):
         parts = build(config)
-        for together in batches(trials, config["batch"]):
-            for trial, outcome in _outcomes(parts, config, together):
+        for batch in batches(trials, config["batch"]):
+            for trial, outcome in _run_batch(parts, config, batch):
                 if isinstance(outcome, Exception):
                     rows.append(failed_row(config, trial, "error", _reason(outcome)))
                     continue
-                judged, result = outcome
-                rows.append(_row(config, trial, judged, result))
+                rows.append(_row(config, trial, outcome))
                 if trial < kept:
-                    paths += _path_rows(trial, result)
+                    paths += _path_rows(trial, outcome.trial)
         scene = describe_scene(parts.problem) if paths else None
     return Batch(rows, paths, scene)
 
 
-def _outcomes(
-    parts: Experiment, config: dict[str, Any], trials: Sequence[int]
-) -> Iterator[tuple[int, tuple[Judged, Trial] | Exception]]:
-    """What became of each of the trials of one batch; a batch that raises is halved, down to the trial that does."""
+def _run_batch(
+    parts: CellParts, config: dict[str, Any], trials: Sequence[int]
+) -> Iterator[tuple[int, JudgedTrial | Exception]]:
+    """Yield each trial of one batch with its outcome.
+
+    A batch that raises is halved until the trial that raises is alone.
+    """
     size = config["batch"]
     try:
-        judged, result = _run(*parts, config["seed"], _places(trials, size))
-        compared = _compare(parts.problem, parts.filter, result)
-        results = jax.device_get((Judged(judged, compared), result))
+        results = _judged_trials(parts, config["seed"], _batch_positions(trials, size))
     except Exception as error:
         if size > 1 and "RESOURCE_EXHAUSTED" in str(error):
             raise ConfigError(
@@ -103,64 +86,75 @@ def _outcomes(
             yield trials[0], error
             return
         middle = len(trials) // 2
-        yield from _outcomes(parts, config, trials[:middle])
-        yield from _outcomes(parts, config, trials[middle:])
+        yield from _run_batch(parts, config, trials[:middle])
+        yield from _run_batch(parts, config, trials[middle:])
         return
     for trial in trials:
-        yield (
-            trial,
-            results
-            if size == 1
-            else jax.tree.map(lambda values, at=trial % size: values[at], results),
-        )
+        yield trial, results if size == 1 else _at_position(results, trial % size)
 
 
-def _places(trials: Sequence[int], size: int) -> int | np.ndarray:
-    """The trial at each place of their batch (size,); of a batch of one just the trial."""
+def _judged_trials(parts: CellParts, seed: int, trials: int | np.ndarray) -> JudgedTrial:
+    """Return one trial or, with one more axis (B,) in front of all results, those of a batch."""
+    trial_metrics, result = simulate_and_judge(*parts, seed, trials)
+    compared = judge_filter(parts.problem, parts.filter, result)
+    return jax.device_get(JudgedTrial(trial_metrics, compared, result))
+
+
+def _at_position(results: JudgedTrial, position: int) -> JudgedTrial:
+    """Return the trial at one position of a batch."""
+    return jax.tree.map(lambda values: values[position], results)
+
+
+def _batch_positions(trials: Sequence[int], size: int) -> int | np.ndarray:
+    """Return the trial at each position of a batch (size,); for batches of one just the trial."""
     if size == 1:
         return trials[0]
-    places = np.full(size, trials[0])
-    places[[trial % size for trial in trials]] = trials
-    return places
+    positions = np.full(size, trials[0])
+    positions[[trial % size for trial in trials]] = trials
+    return positions
 
 
-def _row(config: dict[str, Any], trial: int, judged: Judged, result: Trial) -> dict[str, Any]:
-    values = {name: value.item() for part in judged for name, value in part._asdict().items()}
-    error = divergence(judged.metrics, result)
-    status = "diverged" if error else "ok"
+@jax.jit
+def simulate_and_judge(
+    problem: Problem, filter: Filter, controller: Controller, seed: Any, trial: Any
+) -> tuple[Metrics, Trial]:
+    """Simulate and judge a trial () or a batch of them (B,)."""
+
+    def run_one(trial: Any) -> tuple[Metrics, Trial]:
+        result = simulate_trial(problem, filter, controller, seed, trial)
+        return metrics(problem, result), result
+
+    return jax.vmap(run_one)(trial) if jnp.ndim(trial) else run_one(trial)
+
+
+@jax.jit
+def judge_filter(problem: Problem, filter: Filter, result: Trial) -> Consistency:
+    """Judge the filter in a trial or a batch; a program of its own, which all controllers share."""
+
+    def compare_one(result: Trial) -> Consistency:
+        return consistency(problem, filter, result)
+
+    return jax.vmap(compare_one)(result) if result.ess.ndim == 2 else compare_one(result)
+
+
+def _row(config: dict[str, Any], trial: int, judged: JudgedTrial) -> dict[str, Any]:
+    """Return the row of a trial that was run to its end."""
+    numbers = judged.metrics._asdict() | judged.consistency._asdict()
+    error = divergence(judged.metrics, judged.trial)
     return {
-        **_labels(config, trial, status),
-        **values,
-        "steps": len(result.controls),
+        **_labels(config, trial, "diverged" if error else "ok"),
+        **{name: value.item() for name, value in numbers.items()},
+        "steps": len(judged.trial.controls),
         "error": error,
     }
 
 
-def _reason(error: Exception) -> str:
-    """What an exception says; a callback's comes with a traceback, which differs with whoever runs it and where."""
-    text = f"{type(error).__name__}: {error}".strip()
-    return text.splitlines()[-1] if "Traceback (most recent call last)" in text else text
-
-
-def divergence(judged: Metrics, result: Trial) -> str | None:
-    """What left the finite numbers in a trial, if anything did."""
-    parts: dict[str, Any] = {
-        "state": result.states,
-        "belief": np.append(result.beliefs.mean, result.beliefs.cov),
-    }
-    parts |= {"control": result.controls, "cost": judged.cost}
-    lost = [name for name, values in parts.items() if not np.all(np.isfinite(values))]
-    if not lost and np.any(np.asarray(result.ess) == 0):
-        lost = ["cost of every sampled path of a step"]
-    return f"the {' and the '.join(lost)} left the finite numbers" if lost else None
-
-
 def failed_row(config: dict[str, Any], trial: int, status: str, error: str) -> dict[str, Any]:
-    """The row of a trial that has no results."""
-    nothing = dict.fromkeys((*Metrics._fields, *Consistency._fields), float("nan"))
+    """Return the row of a trial that has no results."""
+    absent = dict.fromkeys((*Metrics._fields, *Consistency._fields), float("nan"))
     return {
         **_labels(config, trial, status),
-        **nothing,
+        **absent,
         "collided": None,
         "steps": 0,
         "error": error,
@@ -168,11 +162,37 @@ def failed_row(config: dict[str, Any], trial: int, status: str, error: str) -> d
 
 
 def _labels(config: dict[str, Any], trial: int, status: str) -> dict[str, Any]:
+    """Return the trial, its status and the labels of its cell, in the order of a row."""
     own = {"trial": trial, "status": status}
     return own | {name: value for name, value in labels(config).items() if name not in own}
 
 
+def _reason(error: Exception) -> str:
+    """Return what an exception says.
+
+    That of a callback comes with a traceback, which differs with who runs it and where; of it only
+    the last line is taken.
+    """
+    text = f"{type(error).__name__}: {error}".strip()
+    return text.splitlines()[-1] if "Traceback (most recent call last)" in text else text
+
+
+def divergence(judged: Metrics, result: Trial) -> str | None:
+    """Return what left the finite numbers in a trial, None if nothing did."""
+    quantities: dict[str, Any] = {
+        "state": result.states,
+        "belief": np.append(result.beliefs.mean, result.beliefs.cov),
+        "control": result.controls,
+        "cost": judged.cost,
+    }
+    lost = [name for name, values in quantities.items() if not np.all(np.isfinite(values))]
+    if not lost and np.any(np.asarray(result.ess) == 0):
+        lost = ["cost of every sampled path of a step"]
+    return f"the {' and the '.join(lost)} left the finite numbers" if lost else None
+
+
 def _path_rows(trial: int, result: Trial) -> list[dict[str, Any]]:
+    """Return a row per step 0..T of a trial; after the last step there is no control (nan)."""
     controls = np.vstack([result.controls, np.full_like(result.controls[:1], np.nan)])
     columns = zip(result.states, result.beliefs.mean, result.beliefs.cov, controls, strict=True)
     return [
