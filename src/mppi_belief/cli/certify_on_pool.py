@@ -7,6 +7,7 @@ early ends the processes.
 from collections.abc import Callable, Generator, Sequence
 from typing import Any
 
+from ..errors import first_line
 from ..run.local import LocalWorkers
 from ..run.log import log_event
 from ..run.plan import Chunk, NamedTask
@@ -24,7 +25,7 @@ def certify_all(
     with Pool(work, processes, log_event) as pool:
         for batch in pool.run([Chunk(task, (0,)) for task in tasks]):
             if isinstance(batch.outcome, Failure):
-                error = batch.outcome.error.splitlines()[0]
+                error = first_line(batch.outcome.error)
                 yield CertificateOutcome(batch.job.id, None, error, 0.0)
             else:
                 yield batch.outcome

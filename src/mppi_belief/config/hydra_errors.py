@@ -9,7 +9,7 @@ from typing import Any
 
 from omegaconf import OmegaConf
 
-from ..errors import ConfigError, unknown_key
+from ..errors import ConfigError, first_line, unknown_key
 from .settings import Settings
 
 
@@ -26,7 +26,7 @@ def one_line(error: BaseException, conf: Path) -> str:
         found = re.search(pattern, text, re.DOTALL)
         if found:
             return say(found, conf)
-    return next((line.strip() for line in text.splitlines() if line.strip()), type(error).__name__)
+    return first_line(text) or type(error).__name__
 
 
 def _causes(error: BaseException | None) -> Iterator[BaseException]:

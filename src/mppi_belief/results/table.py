@@ -26,6 +26,7 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from ..errors import first_line
 from .columns import COLUMN_TYPES, COLUMNS, PATH_TYPES
 from .files import digest, write_whole
 from .trial_ranges import ranges
@@ -123,7 +124,7 @@ def read_table(path: Path) -> tuple[dict[str, Any], pa.Table]:
     except KeyError as error:
         raise ValueError("it has no metadata of mppi-belief") from error
     except (pa.ArrowException, TypeError, AttributeError) as error:
-        raise ValueError((str(error).splitlines() or [""])[0]) from error
+        raise ValueError(first_line(error)) from error
     if version != FORMAT_VERSION:
         raise ValueError(f"its format is {version}, must be {FORMAT_VERSION}")
     if seal != digest(metadata):
@@ -166,7 +167,7 @@ def read_files(folder: Path, kind: str, warn: Callable[[str], object]) -> list[R
                 readable.append(ResultsFile(path, metadata, _known_first(table, _SCHEMAS[kind])))
             except (OSError, pa.ArrowException, KeyError, ValueError) as error:
                 gone = gone or isinstance(error, FileNotFoundError)
-                reason = (str(error).splitlines() or [""])[0]
+                reason = first_line(error)
                 warnings.append(f"{path}: not a results file of this cell, left out ({reason})")
         if not gone:
             break

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary
 
-from ..errors import ConfigError
+from ..errors import ConfigError, first_line
 from .log import log_on_terminal
 from .worker import WorkerSetup, apply_setup
 from .workers import WorkerDied, WorkersGone
@@ -195,8 +195,7 @@ def _scheduler_reached() -> Iterator[None]:
 
 
 def _one_line(error: Exception) -> str:
-    lines = str(error).splitlines() or [""]
-    return f"{type(error).__name__}: {lines[0]}"
+    return f"{type(error).__name__}: {first_line(error)}"
 
 
 def run_in_worker(setup: bytes, work: bytes) -> tuple[str, Any, Exception | None]:

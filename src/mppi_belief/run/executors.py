@@ -7,7 +7,7 @@ from typing import Any
 from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from ..errors import ConfigError, unknown_key
+from ..errors import ConfigError, first_line, unknown_key
 from ..fields import Number, Text, WholeNumber, checked, ruled, rules
 
 _MEMORY = Text(r"\d+(\.\d+)?\s*[KMGT]i?B", "an amount such as 2GB")
@@ -65,7 +65,7 @@ def read_executor(node: dict[str, Any]) -> Executor:
         settings: Any = OmegaConf.to_object(OmegaConf.merge(OmegaConf.structured(kind), values))
     except OmegaConfBaseException as error:
         key = getattr(error, "full_key", None) or next(iter(values), "")
-        message = str(error).splitlines()[0]
+        message = first_line(error)
         raise ConfigError(f"executor.{key}={values.get(key)}: {message}") from error
     for name, rule in rules(kind).items():
         try:

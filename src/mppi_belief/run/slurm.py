@@ -11,7 +11,7 @@ import time
 from collections.abc import Collection
 from typing import Any
 
-from ..errors import ConfigError
+from ..errors import ConfigError, first_line
 from .local import FAILED_STARTS
 from .workers import WorkersGone
 
@@ -100,8 +100,7 @@ class SlurmJobs:
         """Returns the error for a job that sbatch refused with a message."""
         lines = message.splitlines()
         errors = [line.partition("error: ")[2] for line in lines if "error: " in line]
-        first_line = message.strip().partition("\n")[0]
-        line = errors[-1] if errors else first_line or "it does not say why"
+        line = errors[-1] if errors else first_line(message) or "it does not say why"
         if any(word in line.lower() for word in UNREACHABLE):
             return WorkersGone(f"Slurm does not answer: {line}")
         if self._connected:

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from importlib.util import find_spec
 from typing import Any
 
-from ..errors import ConfigError
+from ..errors import ConfigError, first_line
 from .dask import DaskWorkers, SchedulerConnection, close_cluster
 from .executors import DaskExecutor, LocalExecutor, SlurmExecutor, read_executor
 from .local import LocalWorkers
@@ -105,5 +105,4 @@ def _start_scheduler(make_cluster: Callable[[], Any]) -> tuple[Any, Any]:
             cluster = make_cluster()
             return cluster, Client(cluster)
     except (OSError, RuntimeError, ValueError) as error:
-        message = str(error).splitlines()[0]
-        raise ConfigError(f"executor: no scheduler starts here: {message}") from error
+        raise ConfigError(f"executor: no scheduler starts here: {first_line(error)}") from error

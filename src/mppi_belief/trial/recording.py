@@ -27,7 +27,7 @@ from ..numerics.quadrature import gaussian_nodes
 from ..planning.parts import SampledPaths
 from ..problem import Belief, Controller, Filter, Problem
 from ..simulate import Trial, closed_loop
-from .build import Experiment, build
+from .build import CellParts, build
 from .device import computing
 
 PER_AXIS = 9  # Gauss-Hermite points per axis
@@ -100,7 +100,7 @@ def _thinned(paths: PathsInSpace | None) -> dict[str, Any] | None:
     }
 
 
-def _matching_residuals(parts: Experiment, trial: Trial) -> dict[str, Any]:
+def _matching_residuals(parts: CellParts, trial: Trial) -> dict[str, Any]:
     """Returns residuals (T,) by convention, at the best weight of each step.
 
     If the controller has a temperature, also those at the weight lambda R^-1.
