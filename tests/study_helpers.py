@@ -106,7 +106,7 @@ def answer(config: dict[str, Any], trials: Sequence[int]) -> list[tuple[int, int
 
 
 class AgedWorkers(LocalWorkers):
-    """Workers of which one that has stopped itself, and no other, is taken for as late as can be."""
+    """Makes a worker overdue as soon as it has stopped itself, and no other."""
 
     def __init__(self, stopped: Path) -> None:
         super().__init__(1, WorkerSetup([TESTS], {}))

@@ -1,4 +1,6 @@
-"""Jobs of a real Slurm (`make test-cluster`): whatever happens to them, results are those of this machine alone."""
+"""Jobs of a real Slurm (`make test-cluster`): whatever happens to them, results are those of this
+machine alone.
+"""
 
 import getpass
 import re

@@ -1,4 +1,7 @@
-"""Fake work that is hard to bring back: larger than a pipe, or an exception without a way home. Workers import this."""
+"""Fake work that is hard to bring back: larger than a pipe, or an exception without a way home.
+
+Workers import this.
+"""
 
 import os
 from collections.abc import Sequence
@@ -24,7 +27,7 @@ def bulky(config: dict[str, Any], trials: Sequence[int]) -> list[bytes]:
     return [bytes(1 << 22)]
 
 
-def fly(folder: str) -> None:
+def send_bulky_results(folder: str) -> None:
     """A parent, to be run in a process of its own."""
     pool = Pool(
         bulky,

@@ -1,4 +1,6 @@
-"""A study of several cells as the real command runs it, to be disturbed in every way, and what must be true of it."""
+"""A study of several cells as the real command runs it, to be disturbed in every way, and what must
+be true of it.
+"""
 
 import itertools
 import os
@@ -74,7 +76,9 @@ class Run:
     def begun(
         self, *more: str, gate: Gate | None = None, **how: Any
     ) -> Iterator[subprocess.Popen[str]]:
-        """Run it in the background, its trials behind a gate if there is one; what it says is `err`."""
+        """Run it in the background, its trials behind a gate if there is one; what it says is
+        `err`.
+        """
         environment = gate.environment if gate else None
         with started(self.folder, "run", *self.study, *more, env=environment, **how) as process:
             yield process
@@ -111,7 +115,9 @@ class Run:
 
 
 def begins(process: subprocess.Popen[str]) -> bool:
-    """Whether a command's own code runs, and no longer Python's: from then on signals wait for an answer."""
+    """Whether a command's own code runs, and no longer Python's: from then on signals wait for an
+    answer.
+    """
     if process.poll() is not None:
         return True
     blocked = _status(process.pid).get("SigBlk", "0")

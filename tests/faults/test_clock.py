@@ -1,7 +1,8 @@
-"""The clock is set back while a study runs: what is measured goes by another, which only ever goes on.
+"""The clock is set back while a study runs: what is measured goes by another, which only ever goes
+on.
 
-The machine's own clock is not touched: in every process of the command Python's `time.time` gives, each time it is
-asked, a moment an hour before the last.
+The machine's own clock is not touched: in every process of the command Python's `time.time` gives,
+each time it is asked, a moment an hour before the last.
 """
 
 import os

@@ -1,4 +1,6 @@
-"""The same promises where Dask brings the work to its workers, here to two of its own on this machine."""
+"""The same promises where Dask brings the work to its workers, here to two of its own on this
+machine.
+"""
 
 import signal
 

@@ -1,4 +1,6 @@
-"""Rows are the same bits for any number of workers, any chunks, order, resume point, part of the study, or executor."""
+"""Rows are the same bits for any number of workers, any chunks, order, resume point, part of the
+study, or executor.
+"""
 
 import pytest
 

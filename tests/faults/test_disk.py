@@ -1,4 +1,6 @@
-"""A disk that is full, limited or read-only: exit code 74, one line, no half file, and the same command goes on."""
+"""A disk that is full, limited or read-only: exit code 74, one line, no half file, and the same
+command goes on.
+"""
 
 import os
 import resource
@@ -31,7 +33,9 @@ def completes(run: Run, hashes: dict[str, str]) -> None:
 
 
 def small_files() -> None:
-    """In a child: no file may grow beyond this, as on a disk that is full (EFBIG instead of ENOSPC)."""
+    """In a child: no file may grow beyond this, as on a disk that is full (EFBIG instead of
+    ENOSPC).
+    """
     resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))
 
 
@@ -43,7 +47,9 @@ def obey_permissions() -> None:
 
 @contextmanager
 def mounted(folder: Path, size: str) -> Iterator[Callable[[str], None] | None]:
-    """A small disk of its own at `folder`, and how to mount it anew; None where that is not allowed."""
+    """A small disk of its own at `folder`, and how to mount it anew; None where that is not
+    allowed.
+    """
     folder.mkdir(parents=True)
 
     def mount(options: str) -> bool:

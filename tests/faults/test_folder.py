@@ -70,7 +70,9 @@ def restate(path, table: pa.Table, about: dict) -> None:
 
 
 def test_results_of_another_algorithm_are_in_other_folders(monkeypatch):
-    """The same configuration, when it would give other numbers, is another cell: what is there does not count."""
+    """The same configuration, when it would give other numbers, is another cell: what is there does
+    not count.
+    """
     (config,) = collect(*SMALL)
     now = cell_identity.Cell(config).id
     assert cell_identity.Cell(config).id == now

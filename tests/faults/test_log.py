@@ -1,4 +1,6 @@
-"""What a run says while it runs: a line for every event on stderr, a bar on a terminal only, the table on stdout."""
+"""What a run says while it runs: a line for every event on stderr, a bar on a terminal only, the
+table on stdout.
+"""
 
 import os
 import pty

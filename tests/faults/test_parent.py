@@ -1,4 +1,6 @@
-"""The process that leads a study is killed, at any instant: its workers follow, the same command goes on."""
+"""The process that leads a study is killed, at any instant: its workers follow, the same command
+goes on.
+"""
 
 import os
 import random

@@ -1,4 +1,6 @@
-"""Ctrl-C, twice, and SIGTERM, whenever they come: one word, an exit code, nobody left, nothing lost."""
+"""Ctrl-C, twice, and SIGTERM, whenever they come: one word, an exit code, nobody left, nothing
+lost.
+"""
 
 import os
 import random
@@ -15,10 +17,12 @@ from study_helpers import poll
 
 
 def interrupt(run: Run, after: float, *numbers: signal.Signals, group: bool = True) -> int:
-    """Send signals so many seconds after the command's own code has begun, 0.3 s apart; its exit code.
+    """Send signals so many seconds after the command's own code has begun, 0.3 s apart; its exit
+    code.
 
-    A gate keeps the command from ending before that. As a terminal does they go to all processes of the group. Checks
-    what must be true at any instant; of two that wait together, either is the first.
+    A gate keeps the command from ending before that. As a terminal does they go to all processes of
+    the group. Checks what must be true at any instant; of two that wait together, either is the
+    first.
     """
     before = run.done()
     gate = run.gate(40)
@@ -121,7 +125,9 @@ def test_two_different_signals_that_have_waited_count_as_one():
 
 
 def test_a_process_that_is_started_while_signals_wait_does_not_get_them(tmp_path):
-    """Not even the first: Python's own helper of its processes lets signals in again when it starts."""
+    """Not even the first: Python's own helper of its processes lets signals in again when it
+    starts.
+    """
     script = (
         "import multiprocessing, signal\n"
         "from mppi_belief.run.signals import STOPPING, masked\n"

@@ -1,4 +1,6 @@
-"""Trials that raise, diverge, hang or kill their worker: written down as such, and no other trial is touched."""
+"""Trials that raise, diverge, hang or kill their worker: written down as such, and no other trial
+is touched.
+"""
 
 import math
 from pathlib import Path
@@ -109,7 +111,10 @@ def test_the_same_command_finds_all_done_and_retry_failed_runs_what_has_no_resul
 
 @pytest.mark.long
 def test_a_trial_that_holds_all_threads_is_ended_from_outside(tmp_path):
-    """After its time and half a minute; a chunk is one trial here. The control steps that are timed meet it again."""
+    """After its time and half a minute; a chunk is one trial here.
+
+    The control steps that are timed meet it again.
+    """
     run = Run(tmp_path, *study("holds", n_trials=4))
     said = run.again()
     assert said.code == 3

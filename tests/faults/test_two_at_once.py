@@ -1,4 +1,6 @@
-"""The same study started twice, and two parts of it, at the same time in the same folder: no corruption."""
+"""The same study started twice, and two parts of it, at the same time in the same folder: no
+corruption.
+"""
 
 import signal
 from contextlib import ExitStack

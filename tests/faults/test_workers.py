@@ -1,4 +1,7 @@
-"""Workers that are killed: at start-up, while they compute, while a result is on its way. Nothing is lost."""
+"""Workers that are killed: at start-up, while they compute, while a result is on its way.
+
+Nothing is lost.
+"""
 
 import os
 import signal
@@ -46,7 +49,9 @@ def test_workers_that_are_killed_cost_nothing_but_time(workers, tmp_path, undist
 
 @pytest.mark.long
 def test_a_worker_killed_every_second_costs_nothing_but_time(tmp_path, undisturbed):
-    """As long as it gets somewhere in between: a trial is given up when its worker dies twice in it alone."""
+    """As long as it gets somewhere in between: a trial is given up when its worker dies twice in it
+    alone.
+    """
     run = Run(tmp_path)
     gate = run.gate(0)
     with run.begun(gate=gate) as process:
@@ -68,8 +73,13 @@ def test_a_worker_killed_every_second_costs_nothing_but_time(tmp_path, undisturb
 
 
 def test_a_worker_killed_while_its_result_is_on_its_way_costs_nothing(tmp_path):
-    """The parent sleeps, so that the worker stands still halfway through a result larger than a pipe."""
-    script = f"import sys; sys.path[:0] = [{TESTS!r}, {HERE!r}]; import fault_work; fault_work.fly(sys.argv[1])"
+    """The parent sleeps, so that the worker stands still halfway through a result larger than a
+    pipe.
+    """
+    script = (
+        f"import sys; sys.path[:0] = [{TESTS!r}, {HERE!r}]; "
+        "import fault_work; fault_work.send_bulky_results(sys.argv[1])"
+    )
     with subprocess.Popen(
         [sys.executable, "-c", script, str(tmp_path)],
         stdout=subprocess.PIPE,

@@ -1,8 +1,10 @@
-"""Controllers of the package behind a gate: a worker waits here until the test lets its trial begin.
+"""Controllers of the package behind a gate: a worker waits here until the test lets its trial
+begin.
 
-A configuration names `gated.MPPI` instead of `mppi_belief.MPPI`. `run_trials` looks the class up for every
-batch of trials, and each look-up in a worker takes a ticket of the gate (`gate_helpers.Gate`). Without a gate, and in
-the leading process, nothing waits; the class, and with it every number, is the package's own.
+A configuration names `gated.MPPI` instead of `mppi_belief.MPPI`. `run_trials` looks the class up
+for every batch of trials, and each look-up in a worker takes a ticket of the gate
+(`gate_helpers.Gate`). Without a gate, and in the leading process, nothing waits; the class, and
+with it every number, is the package's own.
 """
 
 import fcntl
@@ -19,7 +21,9 @@ PAUSE = 0.01  # s between two looks at the gate
 
 
 def take_ticket(folder: Path) -> int:
-    """Returns the number of lookups before this one, over all processes, and notes the process that asks."""
+    """Returns the number of lookups before this one, over all processes, and notes the process that
+    asks.
+    """
     with (folder / "tickets").open("a+") as tickets:
         fcntl.flock(tickets, fcntl.LOCK_EX)
         tickets.seek(0)

@@ -1,4 +1,6 @@
-"""The real command, interrupted in every way: no result is lost, none is computed twice, the numbers stay the same."""
+"""The real command, interrupted in every way: no result is lost, none is computed twice, the
+numbers stay the same.
+"""
 
 import os
 import signal
@@ -34,7 +36,9 @@ STUDY = [
 
 
 class Interrupted(NamedTuple):
-    """How a command ended that was interrupted after its first results, and the trials done by then."""
+    """How a command ended that was interrupted after its first results, and the trials done by
+    then.
+    """
 
     code: int
     err: str

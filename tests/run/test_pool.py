@@ -1,4 +1,6 @@
-"""The pool: every chunk comes back with its result or with why it has none, whatever happens to the workers."""
+"""The pool: every chunk comes back with its result or with why it has none, whatever happens to the
+workers.
+"""
 
 import importlib.util
 import os
@@ -151,7 +153,9 @@ def test_short_chunks_are_run_together_and_everybody_has_some():
 
 
 def queue_of(cell: Cell, n_trials: int, size: int, pace: float) -> ChunkQueue:
-    """Returns the queue of one worker, which takes half a second at a time, with another long chunk behind."""
+    """Returns the queue of one worker, which takes half a second at a time, with another long chunk
+    behind.
+    """
     queue = ChunkQueue(grain=0.5, workers=1)
     for chunk in split(cell, n_trials, size):
         queue.add(chunk)
@@ -327,7 +331,10 @@ def test_variables_are_the_workers_alone(monkeypatch):
 
 
 def test_workers_die_with_a_parent_that_is_killed(tmp_path):
-    script = f"import sys; sys.path.insert(0, {TESTS!r}); from study_helpers import *; hanging_pool({str(tmp_path)!r})"
+    script = (
+        f"import sys; sys.path.insert(0, {TESTS!r}); "
+        f"from study_helpers import *; hanging_pool({str(tmp_path)!r})"
+    )
     parent = subprocess.Popen(
         [sys.executable, "-c", script], cwd=Path.cwd(), stderr=subprocess.DEVNULL
     )

@@ -1,4 +1,6 @@
-"""A study: what is done stays done, what fails is written down, and nothing starts before everything is checked."""
+"""A study: what is done stays done, what fails is written down, and nothing starts before
+everything is checked.
+"""
 
 import errno
 import json

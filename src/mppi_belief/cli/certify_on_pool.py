@@ -1,7 +1,8 @@
-"""Computes certificates side by side in the pool that also runs trials; see `run/pool.py` for what it promises.
+"""Computes certificates side by side in the pool that also runs trials; see `run/pool.py` for what
+it promises.
 
-A certificate that fails, or whose process dies twice, does not keep the others from being computed. A caller that stops
-early ends the processes.
+A certificate that fails, or whose process dies twice, does not keep the others from being computed.
+A caller that stops early ends the processes.
 """
 
 from collections.abc import Callable, Generator, Sequence
@@ -19,7 +20,9 @@ from ..verify.runner import CertificateOutcome, compute_certificate
 def certify_all(
     names: Sequence[str], seed: int, workers: int, work: Callable[..., Any] = compute_certificate
 ) -> Generator[CertificateOutcome]:
-    """Yields the outcome of every name as it arrives; raises `WorkersGone` if no process can be started."""
+    """Yields the outcome of every name as it arrives; raises `WorkersGone` if no process can be
+    started.
+    """
     tasks = [NamedTask(name, {"name": name, "seed": seed}) for name in names]
     processes = LocalWorkers(min(workers, len(names)), WorkerSetup([], {}))
     with Pool(work, processes, log_event) as pool:

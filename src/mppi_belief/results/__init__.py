@@ -1,1 +1,3 @@
-"""Reads, writes, checks and merges the files of a results folder: tables of trials, and certificates."""
+"""Reads, writes, checks and merges the files of a results folder: tables of trials, and
+certificates.
+"""

@@ -1,7 +1,9 @@
-"""Checks that the files of a cell say what was written, and agree with each other: `mppi-belief results verify`.
+"""Checks that the files of a cell say what was written, and agree with each other: `mppi-belief
+results verify`.
 
-The hash of a file is checked where it is read (`table.py`, `files.py`). Here: every row is of this cell and of a run
-that its file names, what is there twice is the same bit for bit, and every path has its row.
+The hash of a file is checked where it is read (`table.py`, `files.py`). Here: every row is of this
+cell and of a run that its file names, what is there twice is the same bit for bit, and every path
+has its row.
 """
 
 from collections.abc import Iterator, Sequence
@@ -19,7 +21,9 @@ _CHECKED_LABELS = ("controller", "theta", "w_obs", "seed")
 
 
 def audit(contents: CellContents) -> list[str]:
-    """Returns what is wrong with a cell, a line each that names the file or the trials; empty where nothing is."""
+    """Returns what is wrong with a cell, a line each that names the file or the trials; empty where
+    nothing is.
+    """
     return [
         *contents.problems,
         *_misplaced(contents),
@@ -86,7 +90,9 @@ def same_value(first: Any, second: Any) -> bool:
 
 
 def disagreements(contents: CellContents) -> list[str]:
-    """Returns a line on trials that ended in more than one way, bit for bit, by several final rows; [] without any."""
+    """Returns a line on trials that ended in more than one way, bit for bit, by several final rows;
+    [] without any.
+    """
     frames = [part.table.select(COLUMNS).to_pandas() for part in contents.parts]
     if not frames:
         return []
@@ -102,7 +108,9 @@ def _differing_steps(contents: CellContents) -> list[str]:
 
 
 def _differing(rows: pd.DataFrame, key: list[str], what: str) -> list[str]:
-    """Returns a line on the trials that have several rows of one key whose values differ; [] without any."""
+    """Returns a line on the trials that have several rows of one key whose values differ; []
+    without any.
+    """
     repeated = rows[rows.duplicated(key, keep=False)]
     texts = [repr(_plain_values(row)) for row in repeated.to_dict("records")]
     by_key = pd.Series(texts, index=repeated.index, dtype=object).groupby(

@@ -1,7 +1,9 @@
-"""The columns of a results table: what a row says of one trial. They are named here and nowhere else.
+"""The columns of a results table: what a row says of one trial. They are named here and nowhere
+else.
 
-A row is a dict from column to value; further columns of a row are swept settings. A trial ends with one of these
-statuses: "ok"; "diverged" (its numbers are no longer finite); "error", "crashed" or "timeout" (it has no result).
+A row is a dict from column to value; further columns of a row are swept settings. A trial ends with
+one of these statuses: "ok"; "diverged" (its numbers are no longer finite); "error", "crashed" or
+"timeout" (it has no result).
 """
 
 from typing import Any, NamedTuple
@@ -12,8 +14,8 @@ import pyarrow as pa
 class Metrics(NamedTuple):
     """What a trial is judged by, each a number ().
 
-    Costs are those of eq. (2) on the true state without the obstacle penalty, with the integral taken as
-    sum_k (base(x_k) + 1/2 u_k' R u_k) dt over k = 0..T-1.
+    Costs are those of eq. (2) on the true state without the obstacle penalty, with the integral
+    taken as sum_k (base(x_k) + 1/2 u_k' R u_k) dt over k = 0..T-1.
     """
 
     cost: Any  # running_cost + terminal_cost
@@ -26,13 +28,14 @@ class Metrics(NamedTuple):
 
 
 class Consistency(NamedTuple):
-    """Whether a filter's errors are as large as it claims: means over the T steps of a trial, each a number ().
+    """Whether a filter's errors are as large as it claims: means over the T steps of a trial, each
+    a number ().
 
     Steps with a singular covariance are left out; the mean is nan where that is all of them.
     """
 
-    nees: Any  # normalised squared estimation error (x - mean)' cov^-1 (x - mean), about nx for a consistent filter
-    nis: Any  # normalised squared innovation d' S^-1 d of a measurement, about ny for a consistent filter
+    nees: Any  # normalised squared estimation error (x - mean)' cov^-1 (x - mean), about nx
+    nis: Any  # normalised squared innovation d' S^-1 d of a measurement, about ny
 
 
 FINAL_STATUSES = (

@@ -1,7 +1,8 @@
 """Merges the many small files of a cell into one of each kind: `mppi-belief results compact`.
 
-The new file is written as a whole before the files that it was made of are removed, and no others are: killed at any
-instant, or beside a run that adds files, the folder holds every row at least once, and readers take each trial once.
+The new file is written as a whole before the files that it was made of are removed, and no others
+are: killed at any instant, or beside a run that adds files, the folder holds every row at least
+once, and readers take each trial once.
 """
 
 from collections.abc import Sequence
@@ -28,7 +29,10 @@ class Compacted(NamedTuple):
 
 
 def compact(folder: Path) -> Compacted:
-    """Merges the files of a cell; leaves what cannot be read where it is. Raises OSError where it cannot write."""
+    """Merges the files of a cell; leaves what cannot be read where it is.
+
+    Raises OSError where it cannot write.
+    """
     before = cell_files(folder)
     size_before = total_size(before)
     contents = read_cell(folder)
@@ -80,7 +84,9 @@ def _merge_paths(contents: CellContents) -> None:
 
 
 def _concatenated(files: Sequence[ResultsFile]) -> pa.Table:
-    """Returns the tables of some files, one after the other; a column that a file lacks is empty there."""
+    """Returns the tables of some files, one after the other; a column that a file lacks is empty
+    there.
+    """
     tables = [file.table.replace_schema_metadata() for file in files]
     return pa.concat_tables(tables, promote_options="default")
 

@@ -1,7 +1,9 @@
-"""Reads the files of one cell: the one reader that `run`, `report`, `results`, `replay`, `compact` and `audit` use.
+"""Reads the files of one cell.
 
-A cell is read file by file, so that a row can be traced to its file and to its source (`sources.py`): the run it comes
-from, with that run's configuration, command, commit and versions. Nothing in these files is run, imported or unpickled.
+This is the one reader of cells: `run`, `report`, `results`, `replay`, `compact` and `audit` use it.
+A cell is read file by file, so that a row can be traced to its file and to its source
+(`sources.py`): the run it comes from, with that run's configuration, command, commit and versions.
+Nothing in these files is run, imported or unpickled.
 """
 
 from collections.abc import Callable
@@ -44,7 +46,10 @@ class CellContents:
 
     @cached_property
     def rows(self) -> pd.DataFrame:
-        """Each trial once, by trial: `COLUMNS`, what was swept, and `_file`, the name of the file of the row."""
+        """The rows, each trial once, by trial.
+
+        Columns are `COLUMNS`, swept settings, and `_file`, the name of the row's part file.
+        """
         frames = [part.table.to_pandas().assign(_file=part.path.name) for part in self.parts]
         if not frames:
             return pd.DataFrame(columns=[*COLUMNS, "_file"])
@@ -61,7 +66,9 @@ class CellContents:
 
 
 def read_cell(folder: Path, kinds: tuple[str, ...] = EVERYTHING) -> CellContents:
-    """Reads the files of a cell, or those of some kinds; a file that cannot be read is a problem and left out.
+    """Reads the files of a cell, or those of some kinds.
+
+    A file that cannot be read is left out, with a line in `problems`.
 
     Trajectories are read first, since a run writes a trial's row after its path.
     """
@@ -79,7 +86,10 @@ def read_cell(folder: Path, kinds: tuple[str, ...] = EVERYTHING) -> CellContents
 
 
 def read_rows(folder: Path, warn: Callable[[str], object] = lambda line: None) -> pd.DataFrame:
-    """Returns the rows of a cell (`COLUMNS`), each trial once; names files that cannot be read to `warn`."""
+    """Returns the rows of a cell (`COLUMNS`), each trial once.
+
+    `warn` is called with a line for each file that cannot be read.
+    """
     contents = read_cell(folder, ("part",))
     for line in contents.problems:
         warn(line)
@@ -87,7 +97,10 @@ def read_rows(folder: Path, warn: Callable[[str], object] = lambda line: None) -
 
 
 def each_trial_once(rows: pd.DataFrame) -> pd.DataFrame:
-    """Returns rows by trial; of several rows of one trial the first good one, else the first, in the order of `_file`."""
+    """Returns rows by trial, each trial once.
+
+    Of several rows of a trial the first good one counts, else the first, in the order of `_file`.
+    """
     ordered = rows.assign(_bad=rows["status"] != "ok").sort_values(["trial", "_bad", "_file"])
     return ordered.drop_duplicates("trial", ignore_index=True).drop(columns="_bad")
 
@@ -102,7 +115,10 @@ def path_of(contents: CellContents, trial: int) -> list[dict[str, Any]]:
 
 
 def superseded(contents: CellContents) -> str | None:
-    """Returns why no command of today finds this cell; None if one does, or if nothing of it can be read."""
+    """Returns why no command of today finds this cell.
+
+    None means that a command finds it, or that nothing of it can be read.
+    """
     config = contents.config
     if config is None:
         return None
@@ -124,7 +140,10 @@ def belongs(config: dict[str, Any], folder: Path) -> bool:
 
 
 def identifying_settings(contents: CellContents) -> dict[str, Any]:
-    """Returns the settings that distinguish this cell from others; {} where its configuration lacks them."""
+    """Returns the settings that distinguish this cell from others.
+
+    It is {} where the configuration lacks them.
+    """
     config = contents.config or {}
     names = [name for name in ("precision", "platform", "batch") if name in config]
     try:

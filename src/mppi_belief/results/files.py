@@ -1,4 +1,4 @@
-"""Writes files as a whole or not at all, and small JSON files that carry a hash of their content."""
+"""Writes files as a whole or not at all, and small JSON files with a hash of their content."""
 
 import hashlib
 import json
@@ -58,7 +58,9 @@ def write_json(folder: Path, name: str, content: dict[str, Any]) -> None:
 
 
 def read_json(folder: Path, name: str) -> dict[str, Any] | None:
-    """Returns the content of `folder/name.json`; None if it is missing, torn, or changed since it was written."""
+    """Returns the content of `folder/name.json`; None if it is missing, torn, or changed since it
+    was written.
+    """
     try:
         content = json.loads((folder / f"{name}.json").read_text(encoding="utf-8"))
         written = content.pop(_DIGEST, None)

@@ -1,4 +1,6 @@
-"""Finds the cells of a results folder: which there are, which one a person means, what their files weigh."""
+"""Finds the cells of a results folder: which there are, which one a person means, what their files
+weigh.
+"""
 
 import os
 import re
@@ -25,7 +27,8 @@ def _is_cell(folder: Path) -> bool:
 
 
 def choose_cell(root: Path, word: str) -> Path:
-    """Returns the folder of the cell that a word names: the beginning of its id, or the path of its folder.
+    """Returns the folder of the cell that a word names: the beginning of its id, or the path of its
+    folder.
 
     Raises `ConfigError` for none and for several.
     """
@@ -46,7 +49,9 @@ def choose_cell(root: Path, word: str) -> Path:
 
 
 def _unknown_cell(root: Path, word: str, names: Sequence[str]) -> str:
-    """Returns the message for a word that begins no cell's id, with the ids that were probably meant."""
+    """Returns the message for a word that begins no cell's id, with the ids that were probably
+    meant.
+    """
     containing = [name for name in names if word in name]
     if containing:
         return f"no cell begins with '{word}'; did you mean {_listed(containing)}?"
@@ -73,7 +78,9 @@ def total_size(paths: Collection[Path]) -> int:
 
 
 def seconds_since_write(paths: Collection[Path]) -> float:
-    """Returns the seconds since the newest file was written; 0 for one from the future, as after a clock was set back."""
+    """Returns the seconds since the newest file was written; 0 for one from the future, as after a
+    clock was set back.
+    """
     newest = max((stat.st_mtime for stat in _stats(paths)), default=0.0)
     return max(time.time() - newest, 0.0)
 

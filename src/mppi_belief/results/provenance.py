@@ -42,7 +42,9 @@ def provenance(command: list[str]) -> dict[str, Any]:
 
 
 def _commit(root: Path) -> dict[str, Any]:
-    """Returns commit and dirty flag of the checkout that this package runs from; None when it is installed elsewhere."""
+    """Returns commit and dirty flag of the checkout that this package runs from; None when it is
+    installed elsewhere.
+    """
     if not (root / "pyproject.toml").is_file():
         return {"commit": None, "dirty": None}
     try:
@@ -64,7 +66,9 @@ def _git(root: Path, *args: str) -> str:
 
 @functools.cache
 def machine() -> dict[str, str]:
-    """Returns host, platform and processor; the last digits of a number may depend on the processor."""
+    """Returns host, platform and processor; the last digits of a number may depend on the
+    processor.
+    """
     return {"host": socket.gethostname(), "platform": platform.platform(), "processor": processor()}
 
 

@@ -1,7 +1,7 @@
 """Traces the rows of a cell to their sources: the runs that computed them.
 
-A source is a dict in the metadata of a part file: its `trials` (ranges), configuration, command, commit, versions,
-machine, and the seconds `elapsed` since the run began.
+A source is a dict in the metadata of a part file: its `trials` (ranges), configuration, command,
+commit, versions, machine, and the seconds `elapsed` since the run began.
 """
 
 import json
@@ -19,7 +19,9 @@ _NOT_OF_THE_RUN = ("trials", "elapsed")  # these differ between the sources of o
 
 
 def source_finder(contents: CellContents) -> Callable[[int, str], dict[str, Any]]:
-    """Returns a function (trial, name of a part file) -> source of that row; {} where no source has the trial."""
+    """Returns a function (trial, name of a part file) -> source of that row; {} where no source has
+    the trial.
+    """
     spans: dict[str, list[tuple[int, int, dict[str, Any]]]] = {}
     for part in contents.parts:
         spans[part.path.name] = []
@@ -39,9 +41,11 @@ def source_finder(contents: CellContents) -> Callable[[int, str], dict[str, Any]
 
 
 def runs(contents: CellContents, rows: pd.DataFrame) -> list[dict[str, Any]]:
-    """Returns one source for each run, with just the trials of these rows and the longest time since its start.
+    """Returns one source for each run, with just the trials of these rows and the longest time
+    since its start.
 
-    `rows` have `_file` as in `CellContents.rows`. Sources are of one run where all but trials and times agree.
+    `rows` have `_file` as in `CellContents.rows`. Sources are of one run where all but trials and
+    times agree.
     """
     find_source = source_finder(contents)
     keys: dict[int, str] = {}  # by identity, since rows of one source share the very same dict

@@ -1,19 +1,21 @@
-"""Results that outlive an interruption: one folder per cell, parquet files written as a whole or not at all.
+"""Reads and writes single files of results: one folder per cell, files as a whole or not at all.
 
-    <results_dir>/<cell>/part-*.parquet    a row per trial; the schema's metadata says where it comes from
+    <results_dir>/<cell>/part-*.parquet    a row per trial; the metadata says where it comes from
                          paths-*.parquet   a row per step of the first trials' trajectories
                          scene.json        what a picture needs to know
                          timing.json       the Time column
                          recording-*.json  one trial in detail, where asked for
 
-Which trials are done is read from the part files and from nothing else. Only the leading process writes. The metadata
-of a table is JSON under the key "mppi-belief":
+Which trials are done is read from the part files and from nothing else. Only the leading process
+writes. The metadata of a table is JSON under the key "mppi-belief":
 
-    format    FORMAT_VERSION      cell      the id of the cell, which is the name of its folder
-    digest    of all values       sources   where the rows come from: {"trials": [[first, last], ...], ...} each
-    seal      of all these
+    format    FORMAT_VERSION
+    cell      the id of the cell, which is the name of its folder
+    digest    a hash of all values
+    sources   where the rows come from: {"trials": [[first, last], ...], ...} each
+    seal      a hash of all these
 
-`contents.py` reads a whole cell; this module reads and writes single files.
+`contents.py` reads a whole cell.
 """
 
 import hashlib
@@ -49,7 +51,8 @@ class ResultsFile(NamedTuple):
 def write_rows(folder: Path, rows: Sequence[dict[str, Any]], *sources: dict[str, Any]) -> None:
     """Writes one part file with the rows of some trials; raises OSError.
 
-    Each source says what the trials come from; several sources say which `trials` (ranges) each of them gave.
+    Each source says what the trials come from; several sources say which `trials` (ranges) each of
+    them gave.
     """
     swept = [name for name in rows[0] if name not in COLUMN_TYPES]
     fields = [pa.field(name, kind) for name, kind in COLUMN_TYPES.items()]
@@ -72,7 +75,9 @@ def write_paths(folder: Path, steps: Sequence[dict[str, Any]]) -> None:
 def write_table(
     folder: Path, kind: str, table: pa.Table, sources: Sequence[dict[str, Any]]
 ) -> Path:
-    """Writes a file of one kind, "part" or "paths", named by its trials and its content; returns its path."""
+    """Writes a file of one kind, "part" or "paths", named by its trials and its content; returns
+    its path.
+    """
     trials = table["trial"].to_pylist()
     content_digest = table_digest(table)
     metadata = {
@@ -114,7 +119,8 @@ def table_digest(table: pa.Table) -> str:
 def read_table(path: Path) -> tuple[dict[str, Any], pa.Table]:
     """Returns the metadata of a file and its table.
 
-    Raises ValueError or OSError for a file that is torn, damaged, no results file, of another cell or format.
+    Raises ValueError or OSError for a file that is torn, damaged, no results file, of another cell
+    or format.
     """
     try:
         table = pq.ParquetFile(path, page_checksum_verification=True).read()
@@ -154,8 +160,8 @@ def _are_ranges(pairs: Any) -> bool:
 def read_files(folder: Path, kind: str, warn: Callable[[str], object]) -> list[ResultsFile]:
     """Returns the files of a cell of one kind, "part" or "paths", by name.
 
-    A file that cannot be read is named to `warn` and left out. Files are listed again where one of them has gone,
-    merged into another meanwhile.
+    A file that cannot be read is named to `warn` and left out. Files are listed again where one of
+    them has gone, merged into another meanwhile.
     """
     for _ in range(READ_ATTEMPTS):
         readable: list[ResultsFile] = []
@@ -177,7 +183,9 @@ def read_files(folder: Path, kind: str, warn: Callable[[str], object]) -> list[R
 
 
 def _known_first(table: pa.Table, schema: pa.Schema) -> pa.Table:
-    """Returns the columns of the schema in its types, then the others; raises KeyError or an Arrow exception."""
+    """Returns the columns of the schema in its types, then the others; raises KeyError or an Arrow
+    exception.
+    """
     known = table.select(schema.names).cast(schema)
     for name in table.column_names:
         if name not in schema.names:
@@ -186,7 +194,7 @@ def _known_first(table: pa.Table, schema: pa.Schema) -> pa.Table:
 
 
 def result_hash(rows: pd.DataFrame) -> str:
-    """Returns a hash of all columns of the rows: equal if and only if the results are, bit for bit."""
+    """Returns a hash of all columns of rows: equal if and only if the results are, bit for bit."""
     ordered = rows.sort_values("trial")[list(COLUMNS)]
     text = ordered.to_csv(index=False, float_format="%.17g", na_rep="none")
     return hashlib.sha256(text.encode()).hexdigest()[:16]

@@ -15,7 +15,9 @@ def ranges(trials: Collection[int]) -> list[list[int]]:
 
 
 def ranges_in_words(pairs: Sequence[Sequence[int]], most: int | None = None) -> str:
-    """Returns the text of ranges, of the first `most` of them: "0..9, 12 and 3 more"; "none" without any."""
+    """Returns the text of ranges, of the first `most` of them: "0..9, 12 and 3 more"; "none"
+    without any.
+    """
     texts = [str(first) if first == last else f"{first}..{last}" for first, last in pairs]
     shown = texts[:most]
     rest = len(texts) - len(shown)

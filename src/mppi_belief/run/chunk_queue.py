@@ -1,4 +1,6 @@
-"""Holds the chunks that are still to be run, and hands them out in pieces that take a suitable time."""
+"""Holds the chunks that are still to be run, and hands them out in pieces that take a suitable
+time.
+"""
 
 import math
 from collections import Counter, deque
@@ -9,9 +11,9 @@ from .plan import Chunk
 class ChunkQueue:
     """Hands out chunks in order, those that must run again first.
 
-    Chunks of a job whose trials are short are run together, so that a piece takes about `grain` seconds. A piece is
-    never more than half of a worker's share of what is left of its job, so that all `workers` end at about the same
-    time.
+    Chunks of a job whose trials are short are run together, so that a piece takes about `grain`
+    seconds. A piece is never more than half of a worker's share of what is left of its job, so that
+    all `workers` end at about the same time.
     """
 
     def __init__(self, grain: float, workers: int) -> None:
@@ -39,7 +41,9 @@ class ChunkQueue:
         self._repeats.append(chunk)
 
     def set_pace(self, job_id: str, seconds: float) -> None:
-        """Notes the seconds (s) that a trial of a job took; the shortest counts, since the first trial compiles."""
+        """Notes the seconds (s) that a trial of a job took; the shortest counts, since the first
+        trial compiles.
+        """
         self._pace[job_id] = min(seconds, self._pace.get(job_id, math.inf))
 
     def next(self) -> Chunk:

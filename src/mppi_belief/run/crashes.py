@@ -20,8 +20,8 @@ class Verdict(NamedTuple):
 class CrashJudge:
     """Finds the trial that kills its worker: halves a chunk whose worker died, down to one trial.
 
-    Most trials are innocent and do well the second time. A trial alone is given up as "crashed" after `STRIKES` deaths,
-    and as "timeout" when its worker was ended because of the time.
+    Most trials are innocent and do well the second time. A trial alone is given up as "crashed"
+    after `STRIKES` deaths, and as "timeout" when its worker was ended because of the time.
     """
 
     def __init__(self, seconds: float | None) -> None:

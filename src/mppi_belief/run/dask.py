@@ -1,8 +1,8 @@
 """Workers of a Dask scheduler: on other machines, or on this one, each a process with one thread.
 
-The scheduler runs already (`executor.address`), or is started here, with workers in jobs of Slurm or on this machine.
-Dask brings functions to workers and results back. Which trials are run, what is done about a death, and what is written
-is decided by the pool, as with processes of our own.
+The scheduler runs already (`executor.address`), or is started here, with workers in jobs of Slurm
+or on this machine. Dask brings functions to workers and results back. Which trials are run, what is
+done about a death, and what is written is decided by the pool, as with processes of our own.
 """
 
 import contextlib
@@ -76,7 +76,10 @@ class DaskWorkers:
         return self._connection
 
     def room(self) -> int:
-        """Returns how many more functions connected workers would take: one each, so that none dies with another's."""
+        """Returns how many more functions the connected workers would take.
+
+        Each takes one, so that no function dies with another's worker.
+        """
         now = time.monotonic()
         if self._poll_time is None or now - self._poll_time > POLL_INTERVAL:
             self._poll_workers(now)
@@ -106,7 +109,10 @@ class DaskWorkers:
         return future
 
     def collect(self, future: Future[Any]) -> Any:
-        """Returns or raises what the function did; raises `WorkerDied`, `WorkersGone`, `ConfigError`."""
+        """Returns or raises what the function did.
+
+        Raises `WorkerDied`, `WorkersGone`, `ConfigError`.
+        """
         from distributed import KilledWorker
 
         task = self._tasks.pop(future)
@@ -156,7 +162,10 @@ class DaskWorkers:
         return 0.0
 
     def close(self, *, kill: bool = False) -> None:
-        """Leaves the scheduler, and ends one that was started here; ignores errors, since the results are written."""
+        """Leaves the scheduler, and ends one that was started here.
+
+        Errors are ignored, since the results are written.
+        """
         connection = self._connection
         self._connection = None
         if connection is not None:
@@ -167,7 +176,10 @@ class DaskWorkers:
 
 
 def _silence_libraries() -> None:
-    """Lets the pool alone write events; loggers of these libraries get levels of their own when they are imported."""
+    """Lets the pool alone write events.
+
+    The libraries are imported first, since their loggers get levels of their own then.
+    """
     import distributed  # noqa: F401
 
     for name in ("distributed", "tornado", "asyncio", *logging.root.manager.loggerDict):
@@ -176,7 +188,10 @@ def _silence_libraries() -> None:
 
 
 async def exit_worker() -> None:
-    """Ends a worker whose thread hangs; a coroutine, since Dask waits for the answer of anything else."""
+    """Ends a worker whose thread hangs.
+
+    It is a coroutine, since Dask waits for the answer of anything else.
+    """
     os._exit(1)
 
 
@@ -199,7 +214,9 @@ def _one_line(error: Exception) -> str:
 
 
 def run_in_worker(setup: bytes, work: bytes) -> tuple[str, Any, Exception | None]:
-    """Runs in a worker: sets it up if it is new and calls a function; returns its address, and the result or the error.
+    """Sets up the worker that it runs in if that is new, and calls a function.
+
+    Returns the worker's address, the result or None, and the error or None.
 
     The function comes pickled, since unpickling it imports JAX, which must find its environment.
     """
@@ -230,7 +247,10 @@ def _picklable(error: Exception) -> Exception:
 def _check_worker(
     setup: WorkerSetup, versions: Mapping[str, str], python: tuple[int, int], worker: Any
 ) -> None:
-    """Raises `ConfigError` where a worker would not give the same bits, or more than one result at a time."""
+    """Raises `ConfigError` for a worker that would not give the same bits.
+
+    One that runs several functions at a time is refused, too.
+    """
     name = f"the worker {worker.address}"
     for package, wanted in versions.items():
         installed = version(package)

@@ -1,4 +1,6 @@
-"""The group `executor` of a configuration: which workers a study gets, with the ranges of the settings."""
+"""The group `executor` of a configuration: which workers a study gets, with the ranges of the
+settings.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields

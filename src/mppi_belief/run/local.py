@@ -1,8 +1,10 @@
-"""Workers on this machine: a process pool of one process for each, so that a death tells which chunk it took along.
+"""Workers on this machine: a process pool of one process for each, so that a death tells which
+chunk it took along.
 
-The library pebble (5.2.3) was tried instead and breaks the promise on a worker that is killed halfway through sending a
-result. With one and with two workers, after the death of a worker that was sending 4 MB to a stopped parent, none of
-three further tasks had returned when each had been waited for 20 s.
+The library pebble (5.2.3) was tried instead and breaks the promise on a worker that is killed
+halfway through sending a result. With one and with two workers, after the death of a worker that
+was sending 4 MB to a stopped parent, none of three further tasks had returned when each had been
+waited for 20 s.
 """
 
 import multiprocessing
@@ -45,7 +47,8 @@ class WorkerProcess:
 
     def submit(self, function: Callable[..., Any], *args: Any) -> Future[Any]:
         """Lets the process call a function; raises `WorkersGone` if it dies again and again."""
-        # Children inherit the mask: a Ctrl-C that reaches them while Python starts must not print a traceback.
+        # Children inherit the mask: a Ctrl-C that reaches them while Python starts must not print a
+        # traceback.
         with masked():
             try:
                 future = self._open().submit(function, *args)
@@ -73,8 +76,8 @@ class WorkerProcess:
             )
             self._start_confirmed = self._executor.submit(confirm_start)
             self._processes = {*multiprocessing.active_children()} - children_before
-            # The only other end of the worker's pipe: whoever holds it waits forever for the rest of a result whose
-            # worker was killed while it sent it.
+            # The only other end of the worker's pipe: whoever holds it waits forever for the rest
+            # of a result whose worker was killed while it sent it.
             results: Any = self._executor._result_queue
             results._writer.close()
         return self._executor

@@ -1,4 +1,6 @@
-"""Tells a person what happens while a study runs: one line per event on stderr, above the progress bar."""
+"""Tells a person what happens while a study runs: one line per event on stderr, above the progress
+bar.
+"""
 
 import sys
 

@@ -73,12 +73,15 @@ class Shard(NamedTuple):
         match = re.fullmatch(r"([1-9]\d{0,6})/([1-9]\d{0,6})", text)
         if match is None or int(match[1]) > int(match[2]):
             raise ConfigError(
-                f"shard={text}: must be i/n with 1 <= i <= n, for instance 3/10: the third of ten parts"
+                f"shard={text}: must be i/n with 1 <= i <= n,"
+                " for instance 3/10: the third of ten parts"
             )
         return cls(int(match[1]), int(match[2]))
 
     def has(self, batch: int) -> bool:
-        """Returns whether a batch of trials, by its number in the whole study, is in this part: every n-th is."""
+        """Returns whether a batch of trials, by its number in the whole study, is in this part:
+        every n-th is.
+        """
         return batch % self.n == self.i - 1
 
 
@@ -95,8 +98,8 @@ def chunks(
 ) -> list[Chunk]:
     """Returns the trials 0..n_trials-1 of a cell that are not done, as chunks of whole batches.
 
-    Chunks are small enough to be shared out and to be lost. `position` is the number of cells before this one: it
-    spreads short cells over the shards.
+    Chunks are small enough to be shared out and to be lost. `position` is the number of cells
+    before this one: it spreads short cells over the shards.
     """
     size = cell.config["batch"]
     trials = [

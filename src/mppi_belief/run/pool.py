@@ -1,18 +1,20 @@
-"""Runs chunks of trials, or named tasks, in workers: whatever happens to those, every trial gets a result.
+"""Runs chunks of trials, or named tasks, in workers, so that every trial gets a result.
 
 The pool promises:
 
-1. Every trial is yielded once, with what its worker made of it or with a `Failure`. An exception in a batch of trials
-   fails that batch and no other.
-2. When a worker dies, its chunk is run again, halved until the trial that kills its worker is found; a trial whose
-   worker dies twice is given up as "crashed" (`crashes.py`).
-3. A batch that takes longer than `seconds` is given up as "timeout". Its worker is ended, and what that had not begun
-   is run again. The worker looks at the clock; one that cannot is ended from outside (`watchdog.py`).
-4. A mistake of the user or of the machine (`ConfigError`) is no trial's fault and ends the run, and so does the loss of
-   all workers (`WorkersGone`); what has come back before is yielded.
+1. Every trial is yielded once, with what its worker made of it or with a `Failure`. An exception in
+   a batch of trials fails that batch and no other.
+2. When a worker dies, its chunk is run again, halved until the trial that kills its worker is
+   found; a trial whose worker dies twice is given up as "crashed" (`crashes.py`).
+3. A batch that takes longer than `seconds` is given up as "timeout". Its worker is ended, and what
+   that had not begun is run again. The worker looks at the clock; one that cannot is ended from
+   outside (`watchdog.py`).
+4. A mistake of the user or of the machine (`ConfigError`) is no trial's fault and ends the run, and
+   so does the loss of all workers (`WorkersGone`); what has come back before is yielded.
 5. After `stop()` no chunk is started, and those that run are finished.
 
-Which chunk comes next is decided in `chunk_queue.py`. docs/reliability.md says which test holds each promise.
+Which chunk comes next is decided in `chunk_queue.py`. docs/reliability.md says which test holds
+each promise.
 """
 
 import threading
@@ -46,8 +48,8 @@ class CompletedBatch(NamedTuple):
 class Pool:
     """Runs `work(config, trials)` on chunks; a batch of trials may take `seconds` (None: any time).
 
-    `log` is called with one line for each event. As a context manager the pool ends its workers: when they are idle, or
-    at once where the block raises.
+    `log` is called with one line for each event. As a context manager the pool ends its workers:
+    when they are idle, or at once where the block raises.
     """
 
     def __init__(
@@ -122,8 +124,8 @@ class Pool:
     def call(self, function: Callable[..., Any], *args: Any) -> Any:
         """Returns `function(*args)` from a worker; calls it a second time where the worker died.
 
-        Raises what the function raises, `WorkerDied`, `TimeLimitExceeded` if it takes as long as a batch of trials may,
-        or `StoppedAtOnce` if it has not begun when all is to stop.
+        Raises what the function raises, `WorkerDied`, `TimeLimitExceeded` if it takes as long as a
+        batch of trials may, or `StoppedAtOnce` if it has not begun when all is to stop.
         """
         for _ in range(STRIKES - 1):
             try:
@@ -167,7 +169,7 @@ class Pool:
     def _collect_all(
         self, ended: Iterable[Future[Any]]
     ) -> tuple[list[CompletedBatch], Exception | None]:
-        """Returns the batches of chunks that have ended, and the error that ends the run, if there is one."""
+        """Returns the batches of chunks that have ended, and the error that ends the run, or None."""
         completed: list[CompletedBatch] = []
         run_error: Exception | None = None
         for future in ended:
@@ -178,7 +180,10 @@ class Pool:
         return completed, run_error
 
     def _collect(self, future: Future[Any]) -> Iterator[CompletedBatch]:
-        """Yields the batches of a chunk that has ended; trials without a result yet are queued again."""
+        """Yields the batches of a chunk that has ended.
+
+        Trials without a result are queued again.
+        """
         chunk = self._running.pop(future)
         ended_for_time = self._watchdog.release(future)
         try:

@@ -32,8 +32,8 @@ def run_study(
 ) -> StudyOutcome:
     """Runs the missing trials of all cells and times their control steps.
 
-    Raises OSError where it cannot write, `ConfigError` where a cell cannot be run, and `WorkersGone` if no worker is
-    left.
+    Raises OSError where it cannot write, `ConfigError` where a cell cannot be run, and
+    `WorkersGone` if no worker is left.
     """
     # What is done, and what is missing.
     done = {
@@ -70,7 +70,9 @@ def _done_trials(rows: pd.DataFrame, retry_failed: bool) -> set[int]:
 def _run_chunks(
     pool: Pool, missing: Sequence[Chunk], writer: ResultsWriter, ran: dict[str, int], found: int
 ) -> None:
-    """Runs all chunks and counts their trials in `ran`; whatever ends this, what has come back is written."""
+    """Runs all chunks and counts their trials in `ran`; whatever ends this, what has come back is
+    written.
+    """
     total = sum(len(chunk.trials) for chunk in missing)
     if found and total:
         log_on_terminal(f"going on: {found} trials found done, {total} to run")
@@ -93,7 +95,9 @@ def _progress_bar(total: int, initial: int) -> Any:
 def _check_all(
     missing: Sequence[Chunk], root: Path, functions: TrialFunctions, pool: Pool, workers: Workers
 ) -> str | None:
-    """Checks that all cells can be run and written; returns the device, None if there is nothing to run."""
+    """Checks that all cells can be run and written; returns the device, None if there is nothing to
+    run.
+    """
     configs = list({chunk.job.id: chunk.job.config for chunk in missing}.values())
     device = None
     if configs and not workers.own_environment:
@@ -116,7 +120,9 @@ def _device_of_workers(config: dict[str, Any], functions: TrialFunctions, pool: 
 
 
 def _make_extras(root: Path, cell: Cell, pool: Pool, functions: TrialFunctions) -> None:
-    """Makes what is made once for each cell while no worker is busy: the Time column, a recording if asked for."""
+    """Makes what is made once for each cell while no worker is busy: the Time column, a recording
+    if asked for.
+    """
     folder = root / cell.id
     _make_once(folder, "timing", lambda: {"seconds": pool.call(functions.time_steps, cell.config)})
     trial = cell.config.get("record")

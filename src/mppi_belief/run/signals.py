@@ -1,4 +1,6 @@
-"""Stops a study on signals: the first SIGINT or SIGTERM finishes what runs, the second ends it at once."""
+"""Stops a study on signals: the first SIGINT or SIGTERM finishes what runs, the second ends it at
+once.
+"""
 
 import signal
 from collections.abc import Callable, Iterator
@@ -23,7 +25,9 @@ class StopRequest:
 
 @contextmanager
 def held() -> Iterator[None]:
-    """Keeps signals waiting, since a half-done import answers them with a traceback; `polite_stop` lets them in."""
+    """Keeps signals waiting, since a half-done import answers them with a traceback; `polite_stop`
+    lets them in.
+    """
     mask_before = signal.pthread_sigmask(signal.SIG_BLOCK, STOPPING)
     try:
         yield
@@ -35,7 +39,9 @@ def held() -> Iterator[None]:
 
 @contextmanager
 def masked() -> Iterator[None]:
-    """Keeps signals waiting; threads and processes that are started meanwhile never get them from a terminal."""
+    """Keeps signals waiting; threads and processes that are started meanwhile never get them from a
+    terminal.
+    """
     # The first process to start would start the tracker, and that lets signals in again.
     resource_tracker.ensure_running()
     mask_before = signal.pthread_sigmask(signal.SIG_BLOCK, STOPPING)

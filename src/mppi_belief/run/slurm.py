@@ -1,7 +1,7 @@
 """Jobs of Slurm that hold Dask workers: as many as were asked for, whatever ends them.
 
 sbatch     submits one job after another, all of one script and one name
-squeue     lists those that are still there; asked only while workers are missing, at ever longer intervals
+squeue     lists those that are left; asked at ever longer intervals while workers are missing
 scancel    cancels them all
 """
 
@@ -27,7 +27,9 @@ COMPLETING = "CG"  # the state of a job that has ended
 
 
 class SlurmJobs:
-    """Keeps `wanted` jobs of a script in the queue, each with `per_job` workers named `<job>` or `<job>-<number>`."""
+    """Keeps `wanted` jobs of a script in the queue, each with `per_job` workers named `<job>` or
+    `<job>-<number>`.
+    """
 
     def __init__(self, script: str, name: str, wanted: int, per_job: int = 1) -> None:
         self._script = script
@@ -44,9 +46,11 @@ class SlurmJobs:
         self._next_look = 0.0  # s, by the monotonic clock
 
     def replace_missing(self, names: Collection[Any]) -> None:
-        """Submits jobs in the place of those that have ended; `names` are those of the connected workers.
+        """Submits jobs in the place of those that have ended; `names` are those of the connected
+        workers.
 
-        Raises `ConfigError` where Slurm takes none of them, `WorkersGone` where they end before a worker connects.
+        Raises `ConfigError` where Slurm takes none of them, `WorkersGone` where they end before a
+        worker connects.
         """
         connected = {str(name).partition("-")[0] for name in names}
         if connected - self._connected:
@@ -71,7 +75,9 @@ class SlurmJobs:
             _call("scancel", f"--name={self._name}")
 
     def _forget_ended(self) -> None:
-        """Forgets the jobs that have left the queue; raises `WorkersGone` if too many of them were fruitless."""
+        """Forgets the jobs that have left the queue; raises `WorkersGone` if too many of them were
+        fruitless.
+        """
         if not self._queued:
             return
         answer = _call("squeue", "--noheader", "--format=%A %t", f"--name={self._name}")
@@ -83,7 +89,8 @@ class SlurmJobs:
         self._fruitless += len(ended - self._connected)
         if self._fruitless >= FAILED_STARTS and not self._worker_count:
             raise WorkersGone(
-                f"{self._fruitless} jobs ended before a worker connected (executor.logs=FOLDER keeps why)"
+                f"{self._fruitless} jobs ended before a worker connected"
+                " (executor.logs=FOLDER keeps why)"
             )
 
     def _submit_missing(self) -> None:

@@ -38,7 +38,9 @@ def job_script(settings: SlurmExecutor, per_job: int, name: str, address: str) -
 
 
 def _slurm_job_class() -> Any:
-    """Imports the class without its handler of Ctrl-C, which would end this process with exit code 0."""
+    """Imports the class without its handler of Ctrl-C, which would end this process with exit code
+    0.
+    """
     with masked():
         handler = signal.getsignal(signal.SIGINT)
         from dask_jobqueue.slurm import SLURMJob

@@ -24,10 +24,11 @@ EXTRA = 'needs pip install "mppi-belief[cluster]"'
 def make_workers(
     node: dict[str, Any], count: int, setup: WorkerSetup, environment: dict[str, str]
 ) -> Workers:
-    """Returns `count` workers as the group `executor` asks for; starts none of them. Raises `ConfigError`.
+    """Returns `count` workers as the group `executor` asks for; starts none of them. Raises
+    `ConfigError`.
 
-    `setup` is what processes of this machine need, which inherit its environment; `environment` has the variables that
-    workers elsewhere need in addition.
+    `setup` is what processes of this machine need, which inherit its environment; `environment` has
+    the variables that workers elsewhere need in addition.
     """
     settings = read_executor(node)
     if isinstance(settings, LocalExecutor):
@@ -94,7 +95,7 @@ def connect_slurm(settings: SlurmExecutor, count: int) -> SchedulerConnection:
 
 
 def _start_scheduler(make_cluster: Callable[[], Any]) -> tuple[Any, Any]:
-    """Returns a cluster with a scheduler in this process, and a client of it; raises `ConfigError`."""
+    """Returns a cluster with a scheduler in this process, and its client; raises `ConfigError`."""
     import dask
     from distributed import Client
 

@@ -11,7 +11,9 @@ PATIENCE = (
 
 
 class Watchdog:
-    """Watches the age of running functions; each batch of trials in them may take `seconds` (None: any time)."""
+    """Watches the age of running functions; each batch of trials in them may take `seconds` (None:
+    any time).
+    """
 
     def __init__(self, workers: Workers, seconds: float | None) -> None:
         self._workers = workers

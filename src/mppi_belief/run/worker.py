@@ -1,6 +1,8 @@
-"""What happens in a worker process: it is set up once, and then runs what it is sent within a time limit.
+"""What happens in a worker process: it is set up once, and then runs what it is sent within a time
+limit.
 
-Only plain data goes back: an exception that cannot be pickled or unpickled would look like the death of the worker.
+Only plain data goes back: an exception that cannot be pickled or unpickled would look like the
+death of the worker.
 """
 
 import multiprocessing
@@ -81,7 +83,9 @@ def run_chunk(
     batches: Sequence[tuple[int, ...]],
     seconds: float | None,
 ) -> ChunkReport:
-    """Calls `work(config, trials)` for every batch of trials, each within a time limit (s; None: any time)."""
+    """Calls `work(config, trials)` for every batch of trials, each within a time limit (s; None:
+    any time).
+    """
     start_time = time.monotonic()
     outcomes: list[tuple[tuple[int, ...], Any]] = []
     unfinished: tuple[int, ...] = ()
@@ -103,9 +107,11 @@ def run_chunk(
 
 
 def call_within(seconds: float | None, function: Callable[..., Any], *args: Any) -> Any:
-    """Returns or raises what `function` does; raises `TimeLimitExceeded` after so many seconds (s; None: never).
+    """Returns or raises what `function` does; raises `TimeLimitExceeded` after so many seconds (s;
+    None: never).
 
-    The function runs in a thread of its own, since nothing else in the process could look at the clock meanwhile.
+    The function runs in a thread of its own, since nothing else in the process could look at the
+    clock meanwhile.
     """
     if seconds is None:
         return function(*args)

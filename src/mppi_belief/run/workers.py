@@ -31,17 +31,22 @@ class Workers(Protocol):
     def collect(self, future: Future[Any]) -> Any:
         """Returns what a function returned, and frees its worker.
 
-        Raises what the function raised, `WorkerDied`, `WorkersGone`, or `ConfigError` for a worker that refuses.
+        Raises what the function raised, `WorkerDied`, `WorkersGone`, or `ConfigError` for a worker
+        that refuses.
         """
 
     def withdraw(self, futures: Iterable[Future[Any]]) -> list[Future[Any]]:
         """Takes back functions that no worker has begun; returns their futures."""
 
     def discard(self, future: Future[Any]) -> None:
-        """Ends the worker that got a function; `collect` then raises `WorkerDied` if the function had not ended."""
+        """Ends the worker that got a function; `collect` then raises `WorkerDied` if the function
+        had not ended.
+        """
 
     def age(self, future: Future[Any]) -> float:
-        """Returns the seconds (s) for which a function has certainly run; 0 where only its worker knows."""
+        """Returns the seconds (s) for which a function has certainly run; 0 where only its worker
+        knows.
+        """
 
     def close(self, *, kill: bool = False) -> None:
         """Ends all workers: when they are idle, or at once."""

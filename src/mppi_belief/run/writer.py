@@ -1,7 +1,8 @@
-"""Buffers results and writes them to parquet in batches, so that a long run leaves few and large files.
+"""Buffers results and writes them to parquet in batches, so that a long run leaves few and large
+files.
 
-Results wait for a twentieth of the time that the run has taken, a quarter of a second at first and half a minute at
-most: a power cut may cost so much work.
+Results wait for a twentieth of the time that the run has taken, a quarter of a second at first and
+half a minute at most: a power cut may cost so much work.
 """
 
 import time
@@ -53,7 +54,7 @@ class ResultsWriter:
         self._write_time = time.monotonic()
 
     def _write_cell(self, folder: Path, batches: list[CompletedBatch]) -> None:
-        """Writes the results of one cell; the part file last, since it says that trials are done."""
+        """Writes the results of one cell; the part file last, since it makes trials done."""
         self._write_paths_and_scene(folder, batches)
 
         # One source for each machine, with the trials that it computed.

@@ -1,4 +1,6 @@
-"""A controller that takes its time without a processor, and on which trial 3 of seed 0 may be unlucky."""
+"""A controller that takes its time without a processor, and on which trial 3 of seed 0 may be
+unlucky.
+"""
 
 import os
 import signal

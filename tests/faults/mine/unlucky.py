@@ -1,4 +1,6 @@
-"""A controller as a user might write it, on which one trial is unlucky; named by a yaml beside this file."""
+"""A controller as a user might write it, on which one trial is unlucky; named by a yaml beside this
+file.
+"""
 
 import ctypes
 import os
