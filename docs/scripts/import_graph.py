@@ -22,7 +22,7 @@ def floors() -> list[list[str]]:
     (contract,) = [
         contract
         for contract in project["tool"]["importlinter"]["contracts"]
-        if contract["type"] == "layers"
+        if contract.get("containers") == [PACKAGE]
     ]
     return [layer.replace("|", " ").split() for layer in contract["layers"]]
 

@@ -66,7 +66,8 @@ def import_rule_names(root: Path) -> list[Finding]:
     """Finds the names of rooms and modules that the layers contract of pyproject.toml lists."""
     project = tomllib.loads((root / "pyproject.toml").read_text())
     contracts = project["tool"]["importlinter"]["contracts"]
-    layers = [layer for contract in contracts for layer in contract.get("layers", [])]
+    (rule,) = [contract for contract in contracts if contract.get("containers") == [PACKAGE]]
+    layers = rule["layers"]
     names = " ".join(layers).replace("|", " ").split()
     return [
         Finding(Path("pyproject.toml"), 1, f"name in the import rule: {name}") for name in names
