@@ -21,7 +21,8 @@ from ..problem import ClosedFormCost, CostMoments, Problem
 def running_moments(problem: Problem, mean: Array, cov: Array) -> CostMoments:
     """Returns the moments of the running cost under N(mean, cov), mean (nx,) and cov (nx, nx).
 
-    They are exact where the cost has them in closed form, and otherwise integrated by a rule of degree 5.
+    They are exact where the cost has them in closed form, and otherwise integrated by a rule of
+    degree 5.
     """
     if isinstance(problem.cost, ClosedFormCost):
         return problem.cost.running_moments(mean, cov, problem.surroundings)
@@ -64,8 +65,8 @@ def risk_sensitive(
         cov: (nx, nx)
         theta: risk aversion
         variance_of: "penalty" takes the variance of the obstacle penalty, "total" that of all of q
-        expectation: "exact" expects the penalty as in (3); "at_mean" takes its value at the mean, with
-            which theta = 0 is the certainty-equivalent planner (the rest of E[q] differs from
+        expectation: "exact" expects the penalty as in (3); "at_mean" takes its value at the mean,
+            with which theta = 0 is the certainty-equivalent planner (the rest of E[q] differs from
             base(mean) by the same for all paths)
     """
     moments = running_moments(problem, mean, cov)
@@ -84,9 +85,9 @@ def _variance(moments: CostMoments, variance_of: str) -> Array:
 def mixture_moments(problem: Problem, weights: Array, means: Array, covs: Array) -> CostMoments:
     """Returns the moments of the running cost under sum_i w_i N(mu_i, Sigma_i).
 
-    They are those within the components and those between them. Deviations from the expectation of the
-    mixture are taken before they are multiplied, so nothing cancels. The components are unrolled: an
-    array axis for them takes twice as long.
+    They are those within the components and those between them. Deviations from the expectation of
+    the mixture are taken before they are multiplied, so nothing cancels. The components are
+    unrolled: an array axis for them takes twice as long.
 
     Args:
         problem: the problem, for its cost
@@ -117,8 +118,8 @@ def mixture_risk_sensitive(
 ) -> Array:
     """Returns q_RS () of a mixture with weights (m,), means (m, nx) and covariances (m, nx, nx).
 
-    The other arguments are those of `risk_sensitive`; "at_mean" takes the mean of the penalties at the
-    components' means.
+    The other arguments are those of `risk_sensitive`; "at_mean" takes the mean of the penalties at
+    the components' means.
     """
     moments = mixture_moments(problem, weights, means, covs)
     penalty = moments.penalty
@@ -140,6 +141,6 @@ def expected_terminal(problem: Problem, mean: Array, cov: Array) -> Array:
 
 
 def mixture_terminal(problem: Problem, weights: Array, means: Array, covs: Array) -> Array:
-    """Returns the expected terminal cost () of a mixture with weights (m,), means and covariances."""
+    """Returns the expected terminal cost () of a mixture, given as in `mixture_moments`."""
     components = zip(means, covs, strict=True)
     return dot(weights, [expected_terminal(problem, mean, cov) for mean, cov in components])

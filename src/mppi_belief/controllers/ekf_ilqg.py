@@ -1,7 +1,8 @@
 """EKF-iLQG (Todorov and Li 2005), in receding horizon (Tassa et al. 2012): plan on the belief mean.
 
-The filter is separate (`filter=ekf`); the penalty is taken at the mean, as in CE-MPPI, over the same
-horizon and cost. Each step starts from the last plan one step later, rolled out with its own feedback.
+The filter is separate (`filter=ekf`); the penalty is taken at the mean, as in CE-MPPI, over the
+same horizon and cost. Each step starts from the last plan one step later, rolled out with its own
+feedback.
 """
 
 import jax.numpy as jnp

@@ -1,9 +1,9 @@
-"""LQG: exact feedback on the belief mean for a linear system and a quadratic cost; it does not see obstacles.
+"""LQG: exact feedback on the belief mean for a linear system and a quadratic cost.
 
     u_k = feedforward_k + K_k mu_k,   K from the discrete control Riccati recursion
 
-On a linear-quadratic problem every sampling controller of this package tends to it. With obstacles
-it ignores them, and its cost is the cost of the free road.
+On a linear-quadratic problem every sampling controller of this package tends to it. It does not see
+obstacles, so its cost is the cost of the free road.
 """
 
 import jax.numpy as jnp
@@ -21,8 +21,8 @@ class LQG:
     Fields:
         horizon: 0 plans over the whole trial, the optimum of (2); else the receding horizon of the
             other controllers
-        at_step_end: charge step k for the state at t_{k+1}, or else for that at t_k, as the reported
-            cost does
+        at_step_end: charge step k for the state at t_{k+1}, or else for that at t_k, as the
+            reported cost does
     """
 
     horizon: int = size(default=0, ge=0)

@@ -1,9 +1,10 @@
-"""MPPI-Belief (Algorithm 1, receding horizon), CE-MPPI and their relatives: one planner of three parts.
+"""MPPI-Belief (Algorithm 1, receding horizon) and CE-MPPI: one planner of three parts.
 
     minimise  E[ phi(mu_H, Sigma_H) + sum_k ( q(mu_k, Sigma_k) + 1/2 u_k' R u_k ) dt ]
 
-over controls. The belief covariance evolves deterministically along a path, so the cost of every sampled path of the
-belief mean is known; the control is the weighted average of the sampled ones, (19).
+over controls. The belief covariance evolves deterministically along a path, so the cost of every
+sampled path of the belief mean is known; the control is the weighted average of the sampled ones,
+(19).
 
 | conf/controller | path cost | sampler | schedule |
 |---|---|---|---|
@@ -32,8 +33,8 @@ class MPPI:
     """Plans by sampling paths of the belief mean.
 
     Raises:
-        ValueError: for an `InnovationSampler` with `PerPathCovariance`: no control leads along its paths, so there is
-            no filter to run along them
+        ValueError: for an `InnovationSampler` with `PerPathCovariance`: no control leads along its
+            paths, so there is no filter to run along them
     """
 
     n_samples: int = size(default=500)  # N
@@ -96,6 +97,9 @@ class MPPI:
 
 @struct
 class OracleMPPI(MPPI):
-    """Plans from the true state instead of the belief; what it costs less is the cost of partial observability."""
+    """Plans from the true state instead of the belief.
+
+    What it costs less than `MPPI` is the cost of partial observability.
+    """
 
     sees_state: ClassVar[bool] = True

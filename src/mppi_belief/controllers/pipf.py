@@ -1,16 +1,18 @@
-"""PIPF: a particle filter with path integral control from every particle (Hoshino et al. 2025, simplified).
+"""PIPF: path integral control from every particle of a particle filter.
+
+A simplification of Hoshino et al. (2025), as in the paper's footnote.
 
 Not the "path integral particle filter" that goes by the same letters elsewhere: there path integral
 control makes a better *filter*; here a filter's particles feed a *controller*.
 
-From each of the K particles L paths are sampled about one common nominal, weighted as in CE-MPPI. The particles'
-controls become one in one of two ways; the paper's footnote fits both:
+From each of the K particles L paths are sampled about one common nominal, weighted as in CE-MPPI.
+The particles' controls become one in one of two ways; the footnote fits both:
 
-* `AverageOfParticles`: each particle's own path integral control, averaged by the particle's posterior weight,
-  u = -R^-1 G' E[grad V(x)]. This is "per-particle path integral controllers", truer to Hoshino et al.,
-  and optimal if the state were seen from the next step on.
-* `PooledPaths`: one softmax over all K L paths, each carrying its particle's posterior weight; particles
-  from which the future is cheap then count for more.
+* `AverageOfParticles`: each particle's own path integral control, averaged by the particle's
+  posterior weight, u = -R^-1 G' E[grad V(x)]. This is "per-particle path integral controllers",
+  truer to Hoshino et al., and optimal if the state were seen from the next step on.
+* `PooledPaths`: one softmax over all K L paths, each carrying its particle's posterior weight;
+  particles from which the future is cheap then count for more.
 """
 
 from dataclasses import dataclass
@@ -41,7 +43,7 @@ class Combination(Protocol):
     """Says how the paths from all particles are weighted together."""
 
     def weights(self, costs: Array, log_weights: Array, temperature: Array | float) -> Array:
-        """Returns normalised weights (K L,) for path costs (K, L) and the particles' log-weights (K,)."""
+        """Returns normalised weights (K L,) for path costs (K, L) and log-weights (K,)."""
 
 
 @struct
@@ -97,7 +99,8 @@ class PIPF:
     def __post_init__(self) -> None:
         if not isinstance(self.sampler, NominalSampler):
             raise ValueError(
-                "sampler must be a NominalSampler: PIPF plans from particles, others from one Gaussian"
+                "sampler must be a NominalSampler: PIPF plans from particles, "
+                "other samplers from one Gaussian"
             )
 
     def init(self, problem: Problem) -> Array:
@@ -130,7 +133,7 @@ class PIPF:
         return improved.controls[0], self.sampler.warm_start(improved.controls), info
 
     def _state_costs(self, problem: Problem, starts: Array, states: Array) -> Array:
-        """Returns path costs (K L,) of states (H, nx, K L) from starts (nx, K L), known for certain."""
+        """Returns the costs (K L,) of paths of states (H, nx, K L) from starts (nx, K L)."""
         nx = len(starts)
         certain = jnp.zeros((self.horizon + 1, nx, nx))
         return accumulated_costs(

@@ -1,1 +1,1 @@
-"""Planning by sampled trajectories (Sec. V and VI): path integrals, samplers, trajectory optimisation."""
+"""Planning (Sec. V and VI): path integrals and their parts, trajectory optimisation."""

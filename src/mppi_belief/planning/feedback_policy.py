@@ -1,24 +1,24 @@
-"""Feedback policies from which controls are sampled, and what path costs are corrected by for their density.
+"""Feedback policies to sample controls from, and the correction of path costs for their density.
 
     u_k = v_k + K_k (mu_k - mean_k) + F_k eps_k,   eps_k ~ N(0, I)
 
-The average (19) is over paths whose controls would be N(m_k, S_u) if they cost nothing, each weighted
-by exp(-S / lambda). If they are drawn from another density p, each weight is multiplied by the ratio
-of the two densities (Girsanov's formula for a drift that depends on the path: Thijssen and Kappen
-2015), so that the path cost becomes
+The average (19) is over paths whose controls would be N(m_k, S_u) if they cost nothing, each
+weighted by exp(-S / lambda). If they are drawn from another density p, each weight is multiplied by
+the ratio of the two densities (Girsanov's formula for a drift that depends on the path: Thijssen
+and Kappen 2015), so that the path cost becomes
 
     S + lambda ( sum_k 1/2 (u_k - m_k)' S_u^-1 (u_k - m_k) + log p(u) )
 
-The control for many samples is then the same for every p; how many are enough is not. With
-v = nominal, K = 0, F F' = S_u this is `path_integral.girsanov`: m = nominal - S_u W nominal / lambda.
-A W above lambda S_u^-1 would push the controls away from the nominal; in this case only, the limit
+The control for many samples is then the same for every p; how many are enough is not. With v =
+nominal, K = 0, F F' = S_u this is `path_integral.girsanov`: m = nominal - S_u W nominal / lambda. A
+W above lambda S_u^-1 would push the controls away from the nominal; in this case only, the limit
 differs from that of the nominal sampler: m = 0, as for the exact W = lambda S_u^-1.
 
-The Laplace policy is the optimal policy of the LQ problem about the nominal, with the covariance
-F F' = lambda Quu^-1. Where the problem is this LQ problem, all weights are equal (Kappen and Ruiz 2016).
-Where it is far from it, none of its samples may be any good. Therefore one sample in EVERY is drawn
-about the nominal, and p is the mixture of the two densities (Hesterberg 1995), under which no path
-weighs more than EVERY times what it weighs for the nominal sampler.
+The Laplace policy is the optimal policy of the LQ problem about the nominal, with the covariance F
+F' = lambda Quu^-1. Where the problem is this LQ problem, all weights are equal (Kappen and Ruiz
+2016). Where it is far from it, none of its samples may be any good. Therefore one sample in EVERY
+is drawn about the nominal, and p is the mixture of the two densities (Hesterberg 1995), under which
+no path weighs more than EVERY times what it weighs for the nominal sampler.
 
 Symbols: H steps of the horizon, N samples, nx states, nu controls.
 """
@@ -69,8 +69,8 @@ def reference_density(
     """
     precision = girsanov_weight(problem, temperature, std, 0.0)
 
-    # The part of the nominal that m leaves out, at most all of it. The matrix is symmetric, since one
-    # of the two weights is a multiple of the other or of I.
+    # The part of the nominal that m leaves out, at most all of it. The matrix is symmetric, since
+    # one of the two weights is a multiple of the other or of I.
     weight = girsanov_weight(problem, temperature, std, alpha)
     parts, axes = jnp.linalg.eigh(symmetrise(jnp.linalg.solve(precision, weight)))
     left_out = nominal @ (axes * jnp.minimum(parts, 1.0)) @ axes.T

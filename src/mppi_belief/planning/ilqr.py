@@ -1,12 +1,13 @@
 """Trajectory optimisation by iterated LQ approximation (Todorov and Li 2005; Tassa et al. 2012).
 
-    minimise  sum_{k<H} 1/2 u_k' R u_k dt + sum_{k<=H} w_k q(x_k) dt + phi(x_H),  x_{k+1} = Euler step of (1a)
+    minimise  sum_{k<H} 1/2 u_k' R u_k dt + sum_{k<=H} w_k q(x_k) dt + phi(x_H)
+    where     x_{k+1} is the Euler step of (1a) from x_k under u_k
 
-w_k is 1 but for one end of the horizon, see `lq_problem.charge_weights`. Each iteration expands the dynamics to
-first and the costs to second order about the nominal (state Hessians projected to PSD, so that every
-backward pass is well posed), solves the LQ problem, and searches along its direction. Additive
-noise, also one whose sensor noise depends on the state, leaves this solution as it is (certainty
-equivalence).
+w_k is 1 but for one end of the horizon, see `lq_problem.charge_weights`. Each iteration expands the
+dynamics to first and the costs to second order about the nominal (state Hessians projected to PSD,
+so that every backward pass is well posed), solves the LQ problem, and searches along its direction.
+Additive noise, also one whose sensor noise depends on the state, leaves this solution as it is
+(certainty equivalence).
 
 Symbols: H steps of the horizon, nx states, nu controls.
 """

@@ -1,8 +1,11 @@
-"""The LQ problem about a trajectory: expansion and backward pass (Todorov and Li 2005; Tassa et al. 2012).
+"""The LQ problem about a trajectory: expansion and backward pass.
+
+Source: Todorov and Li 2005; Tassa et al. 2012.
 
     minimise  sum_k c_k(x_k) + g_k' du_k + 1/2 du_k' W du_k
 
-over changes du of the controls, the dynamics expanded to first and the state costs c_k to second order.
+over changes du of the controls, the dynamics expanded to first and the state costs c_k to second
+order.
 
 Symbols: H steps of the horizon, T steps of an expansion, nx states, nu controls.
 """
@@ -40,7 +43,10 @@ class Improvement(NamedTuple):
 
 
 def charge_weights(horizon: int, at_step_end: bool) -> Array:
-    """Returns w (H+1,): the states charged are 1..H at the end of steps, or 0..H-1 at their start."""
+    """Returns w (H+1,), which is 0 at the one state that is not charged.
+
+    With `at_step_end` the states 1..H are charged, otherwise 0..H-1.
+    """
     return jnp.ones(horizon + 1).at[0 if at_step_end else horizon].set(0.0)
 
 

@@ -4,8 +4,8 @@
     sampler     where paths are drawn, and with which density                  (18), Girsanov
     schedule    how the covariance along a path is planned                     Assumption 1
 
-A planner (`mppi_belief.controllers.MPPI`) puts one of each together. A new idea is one class in one of
-the folders beside this module, with one yaml in conf/controller/path_cost, sampler or schedule.
+A planner (`mppi_belief.controllers.MPPI`) puts one of each together. A new idea is one class in one
+of the folders beside this module, with one yaml in conf/controller/path_cost, sampler or schedule.
 
 Symbols: H steps of the horizon, N sampled paths, nx states, nu controls, m components of a mixture.
 """
@@ -25,7 +25,7 @@ class PathCost(Protocol):
 
     @property
     def at_step_end(self) -> bool:
-        """Whether a step is charged for the belief it leads to, or else for the one it starts from."""
+        """Whether a step is charged for the belief it leads to, or for its start."""
 
     def running(self, problem: Problem, mean: Array, cov: Array) -> Array:
         """Returns the cost per second () of a belief with mean (nx,) and covariance (nx, nx)."""
@@ -42,7 +42,7 @@ class MixturePathCost(PathCost, Protocol):
     """
 
     def mixture_running(self, problem: Problem, weights: Array, means: Array, covs: Array) -> Array:
-        """Returns the cost per second () for weights (m,), means (m, nx), covariances (m, nx, nx)."""
+        """Returns the cost per second () of weights (m,), means (m, nx), covs (m, nx, nx)."""
 
     def mixture_terminal(
         self, problem: Problem, weights: Array, means: Array, covs: Array
@@ -122,7 +122,7 @@ class Sampler(Protocol):
         """Returns a function that draws paths about the nominal controls (H, nu)."""
 
     def warm_start(self, improved: Array) -> Array:
-        """Returns the nominal (H, nu) of the next step for the improved plan (H, nu) of this one."""
+        """Returns the nominal (H, nu) of the next step from the improved plan (H, nu)."""
 
 
 @runtime_checkable

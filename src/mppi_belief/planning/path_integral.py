@@ -7,14 +7,15 @@ with the control increment delta_k = R^-1 G' (G R^-1 G')^+ L_k eps_k / dt. Two c
 
 * innovation: L_k L_k' = D_k, what the measurements will do to the mean. With a zero nominal this is
   Algorithm 1 as printed.
-* matched: L_k L_k' = lambda G R^-1 G', the matching condition imposed; then L_k eps_k = G delta_k dt,
-  so the noise enters through the control channel about a warm-started nominal, as in MPPI.
+* matched: L_k L_k' = lambda G R^-1 G', the matching condition imposed; then L_k eps_k = G delta_k
+  dt, so the noise enters through the control channel about a warm-started nominal, as in MPPI.
 
-The last term of S is Girsanov's, for sampling about a nominal that is not zero (its part that is the
-same for all samples cancels in the weights). What the costs make of the paths is in `path_weights`.
+The last term of S is Girsanov's, for sampling about a nominal that is not zero (its part that is
+the same for all samples cancels in the weights). What the costs make of the paths is in
+`path_weights`.
 
-Symbols: H steps of the horizon, N samples, nx states, nu controls. Sampled arrays keep the sample as
-their last axis: (H, nu, N), (H, nx, N); costs are (N,).
+Symbols: H steps of the horizon, N samples, nx states, nu controls. Sampled arrays keep the sample
+as their last axis: (H, nu, N), (H, nx, N); costs are (N,).
 """
 
 from collections.abc import Callable
@@ -72,9 +73,9 @@ def girsanov_weight(
 ) -> Array:
     """Returns the matrix W (nu, nu) of `girsanov`.
 
-    It is R dt in theory, and gamma S_u^-1 with gamma = lambda (1 - alpha) for increments of covariance
-    S_u = std^2 I and a given alpha (Williams et al. 2018). Both agree for S_u = lambda R^-1 / dt and
-    alpha = 0.
+    It is R dt in theory, and gamma S_u^-1 with gamma = lambda (1 - alpha) for increments of
+    covariance S_u = std^2 I and a given alpha (Williams et al. 2018). Both agree for S_u = lambda
+    R^-1 / dt and alpha = 0.
     """
     R = problem.cost.R
     if alpha is None:

@@ -4,8 +4,8 @@
     u      = nominal + sum_i w_i delta^(i)                                            (19)
     Psi    = E exp(-S / lambda)                                                       (17)
 
-Symbols: H steps of the horizon, N samples, nx states, nu controls. Sampled arrays keep the sample as
-their last axis.
+Symbols: H steps of the horizon, N samples, nx states, nu controls. Sampled arrays keep the sample
+as their last axis.
 """
 
 from collections.abc import Callable
@@ -22,8 +22,8 @@ BLOCK = 2000  # samples whose arrays stay in the cache of a CPU's core
 def weights(costs: Array, temperature: Array | float) -> Array:
     """Returns normalised importance weights (N,) for path costs (N,).
 
-    A path whose cost is not finite weighs nothing, so all weights are zero if no cost is finite. The
-    least cost is subtracted before the division, which may overflow.
+    A path whose cost is not finite weighs nothing, so all weights are zero if no cost is finite.
+    The least cost is subtracted before the division, which may overflow.
     """
     usable = jnp.isfinite(costs)
     least = jnp.min(jnp.where(usable, costs, jnp.inf))
@@ -38,12 +38,12 @@ def effective_sample_size(w: Array) -> Array:
 
 
 def log_desirability(costs: Array, temperature: Array | float) -> Array:
-    """Returns the log of the estimate of Psi(t, mu) (17) (), the sample mean of exp(-S / lambda)."""
+    """Returns the log () of the estimate of Psi (17), the sample mean of exp(-S / lambda)."""
     return -free_energy(costs, temperature) / temperature
 
 
 def free_energy(costs: Array, temperature: Array | float) -> Array:
-    """Returns -lambda log of the estimate of Psi () for path costs (N,), inf if no cost is finite."""
+    """Returns -lambda log of the estimate of Psi () for path costs (N,); inf if none is finite."""
     least = jnp.min(costs)
     some = jnp.isfinite(least)
     mean = jnp.mean(jnp.exp((jnp.where(some, least, 0.0) - costs) / temperature))
@@ -59,7 +59,7 @@ class Weighting(Protocol):
     """Turns the costs of paths into their weights."""
 
     def weights(self, costs: Array) -> Array:
-        """Returns normalised weights (N,) for path costs (N,); all are zero if no cost is finite."""
+        """Returns normalised weights (N,) for path costs (N,), all zero if no cost is finite."""
 
 
 @runtime_checkable
@@ -111,7 +111,8 @@ def improve(
     """Returns nominal + sum_i w_i delta^(i), (19) over the whole horizon, from n sampled paths.
 
     Every sampling planner improves its plan here. On a CPU at most BLOCK samples are drawn at a
-    time, where the weighting allows that. A single block, as always on a GPU, uses the key as it is.
+    time, where the weighting allows that. A single block, as always on a GPU, uses the key as it
+    is.
 
     Args:
         nominal: (H, nu)

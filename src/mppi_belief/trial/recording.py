@@ -1,11 +1,12 @@
-"""Records one trial in detail, for pictures: the paths a planner sampled, the residuals of two statements.
+"""Records one trial in detail, for pictures: sampled paths, residuals of two statements.
 
-The residual of matching (Proposition 3) is taken along the trial's own belief means, for the covariances
-that both readings of sigma_o lead to there: "sample" by the filter's recursion, "intensity" by the
-Riccati equation. The residual of Theorem 1 is taken where measurements meet the filter's own belief,
-predicted from the step before, with c in units of its noise.
+The residual of matching (Proposition 3) is taken along the trial's own belief means, for the
+covariances that both readings of sigma_o lead to there: "sample" by the filter's recursion,
+"intensity" by the Riccati equation. The residual of Theorem 1 is taken where measurements meet the
+filter's own belief, predicted from the step before, with c in units of its noise.
 
-Symbols: T steps of the trial, H steps of the horizon, N sampled paths, d components of the position.
+Symbols: T steps of the trial, H steps of the horizon, N sampled paths, d components of the
+position.
 """
 
 from dataclasses import replace
@@ -66,7 +67,7 @@ def sampled_paths(config: dict[str, Any], trial: int) -> dict[str, Any] | None:
 def _run_with_paths(
     problem: Problem, filter: Filter, controller: Controller, seed: Any, trial: Any
 ) -> tuple[PathsInSpace | None, Trial]:
-    """Runs a trial; returns the sampled paths, if the planner's diagnostics hold them, and the trial."""
+    """Runs a trial; returns the sampled paths, if the diagnostics hold them, and the trial."""
     positions = jax.vmap(jax.vmap(problem.position_of, in_axes=-1, out_axes=-1))
 
     def select(info: Any) -> PathsInSpace | None:
@@ -79,7 +80,7 @@ def _run_with_paths(
 
 
 def _thinned(paths: PathsInSpace | None) -> dict[str, Any] | None:
-    """Returns `SHOWN` paths of each step: positions (T, SHOWN, H, d) in metres, weights (T, SHOWN)."""
+    """Returns `SHOWN` paths of each step: positions (T, SHOWN, H, d), m, and weights (T, SHOWN)."""
     if paths is None:
         return None
     positions = np.asarray(paths.positions, dtype=float)

@@ -2,8 +2,8 @@
 
     mu_{k+1} = mu_k + (f(mu_k) + G nominal_k) dt + L_k eps_k,   L_k L_k' = D_k,   eps_k ~ N(0, I dt)
 
-No control leads along such a path; the increment delta_k = R^-1 G' (G R^-1 G')^+ L_k eps_k / dt is the one that
-comes closest to it (Theorem 6). Each step starts from the zero nominal, as printed.
+No control leads along such a path; the increment delta_k = R^-1 G' (G R^-1 G')^+ L_k eps_k / dt is
+the one that comes closest to it (Theorem 6). Each step starts from the zero nominal, as printed.
 """
 
 from typing import ClassVar

@@ -1,7 +1,8 @@
-"""Paths from the optimal feedback policy of the problem expanded about the nominal, some about the nominal.
+"""Paths from the optimal feedback policy of the problem expanded about the nominal.
 
-The formulas are those of `mppi_belief.planning.feedback_policy`. Far fewer paths do, and the control for many paths
-is that of the nominal sampler, unless R dt > temperature / control_std^2.
+One path in five is drawn about the nominal itself. The formulas are those of
+`mppi_belief.planning.feedback_policy`. Far fewer paths do, and the control for many paths is that
+of the nominal sampler, unless R dt > temperature / control_std^2.
 """
 
 from typing import ClassVar
@@ -22,7 +23,8 @@ class LaplaceSampler:
 
     Fields:
         control_std: standard deviation of sampled controls; None for S_u = lambda R^-1 / dt
-        alpha: of the Girsanov term; None for nominal' R delta dt, which is alpha = 0 in the exact case
+        alpha: of the Girsanov term; None for nominal' R delta dt, which is alpha = 0 in the exact
+            case
         antithetic: draw mirrored pairs: half the normals, less variance
     """
 

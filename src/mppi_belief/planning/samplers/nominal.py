@@ -1,10 +1,10 @@
-"""Paths about a warm-started nominal, as in MPPI: the matched diffusion L_k L_k' = lambda G R^-1 G'.
+"""Paths about a warm-started nominal, as in MPPI: the matched diffusion.
 
-    u_k = nominal_k + delta_k,   delta_k ~ N(0, S_u)
+    u_k = nominal_k + delta_k,   delta_k ~ N(0, S_u)        L_k L_k' = lambda G R^-1 G'
 
-S_u = lambda R^-1 / dt samples the matched diffusion itself: G delta_k dt then is L_k eps_k of (18). Any other
-S_u = control_std^2 I is an importance density with the Girsanov term gamma nominal' S_u^-1 delta,
-gamma = lambda (1 - alpha) (Williams et al. 2018).
+S_u = lambda R^-1 / dt samples the matched diffusion itself: G delta_k dt then is L_k eps_k of (18).
+Any other S_u = control_std^2 I is an importance density with the Girsanov term gamma nominal'
+S_u^-1 delta, gamma = lambda (1 - alpha) (Williams et al. 2018).
 """
 
 from typing import ClassVar
@@ -29,7 +29,8 @@ class NominalSampler:
 
     Fields:
         control_std: standard deviation of sampled controls; None for S_u = lambda R^-1 / dt
-        alpha: of the Girsanov term; None for nominal' R delta dt, which is alpha = 0 in the exact case
+        alpha: of the Girsanov term; None for nominal' R delta dt, which is alpha = 0 in the exact
+            case
         antithetic: draw mirrored pairs: half the normals, less variance
     """
 

@@ -2,9 +2,10 @@
 
     S = sum_k q(mu_k, Sigma_k) dt + phi(mu_H, Sigma_H)
 
-where Sigma_k is what the filter will have made of the belief along mu_0..mu_k, not along one nominal for all
-(Assumption 1). A path to where the sensor is good is then charged for the smaller covariance that it leads to, so
-that detours for information can be planned. docs/beyond/belief_joint.md says what it optimises.
+where Sigma_k is what the filter will have made of the belief along mu_0..mu_k, not along one
+nominal for all (Assumption 1). A path to where the sensor is good is then charged for the smaller
+covariance that it leads to, so that detours for information can be planned.
+docs/beyond/belief_joint.md says what it optimises.
 """
 
 from dataclasses import dataclass

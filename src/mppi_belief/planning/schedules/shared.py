@@ -2,8 +2,9 @@
 
     S = sum_k q(mu_k, Sigma_k) dt + phi(mu_H, Sigma_H),   Sigma_k along the nominal trajectory
 
-Of a mixture of Gaussians (`filter=mixture`) every component moves from its own mean under the same controls, with a
-schedule of its own; costs are those of the mixture, its weights held at their present values over the horizon.
+Of a mixture of Gaussians (`filter=mixture`) every component moves from its own mean under the same
+controls, with a schedule of its own; costs are those of the mixture, its weights held at their
+present values over the horizon.
 """
 
 from dataclasses import dataclass
@@ -36,7 +37,7 @@ class SharedCovariance:
     def plan(
         self, problem: Problem, path_cost: PathCost, belief: Any, controls: Array
     ) -> "GaussianPlan | MixturePlan":
-        """Returns the schedule along the nominal controls (H, nu), one for every component of a mixture."""
+        """Returns the schedule along the nominal controls (H, nu), or one per component."""
         gaussian = not (self.components and isinstance(belief, MixtureBelief))
         if gaussian or not isinstance(path_cost, MixturePathCost):
             schedule = gain_schedule(problem, belief, controls, self.method)
@@ -129,7 +130,7 @@ class MixturePlan:
         return GaussianPlan(self.problem, self.path_cost, self.belief.mean, schedule)
 
     def costs(self, controls: Array, means: Array | None) -> tuple[Array, Array]:
-        """Returns state costs (N,) and mixture means (H, nx, N) of paths with controls (H, nu, N)."""
+        """Returns state costs (N,) and mixture means (H, nx, N) for controls (H, nu, N)."""
         from_each = jax.vmap(lambda mean: rollouts(self.problem, mean, controls), out_axes=1)
         of_each = from_each(self.belief.means)
         mixture_means = jnp.einsum("i,hi...->h...", self.belief.weights, of_each)
