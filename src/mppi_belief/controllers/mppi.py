@@ -22,7 +22,7 @@ from jax import Array
 from ..planning.parts import PathCost, PlanInfo, Sampler, Schedule
 from ..planning.path_costs import RiskSensitive
 from ..planning.path_weights import CostedPaths, Exponential, effective_sample_size, improve
-from ..planning.samplers import InnovationSampler, NominalSampler
+from ..planning.samplers import NominalSampler
 from ..planning.schedules import PerPathCovariance, SharedCovariance
 from ..problem import Problem
 from ..structs import number, size, struct
@@ -34,29 +34,30 @@ class MPPI:
 
     Raises:
         ValueError: for an `InnovationSampler` with `PerPathCovariance`: no control leads along its
-            paths, so there is no filter to run along them
+            paths, so the filter cannot be run along them
     """
 
     n_samples: int = size(default=500)  # N
     horizon: int = size(default=30)  # H, steps
     temperature: float = number(default=1.0, gt=0)  # lambda
-    path_cost: PathCost = RiskSensitive()
-    sampler: Sampler = NominalSampler()
-    schedule: Schedule = SharedCovariance()
+    path_cost: PathCost = RiskSensitive()  # what a planned belief costs
+    sampler: Sampler = NominalSampler()  # where paths are drawn, and with which density
+    schedule: Schedule = SharedCovariance()  # how the covariance along a path is planned
 
     def __post_init__(self) -> None:
+        """Refuses parts that are not objects, and the one pair that cannot go together."""
         for name in ("path_cost", "sampler", "schedule"):
             if isinstance(getattr(self, name), str):
                 raise ValueError(
                     f"{name} must be an object, got {getattr(self, name)!r}; "
                     f"on the command line choose one with controller/{name}=NAME"
                 )
-        if isinstance(self.sampler, InnovationSampler) and isinstance(
-            self.schedule, PerPathCovariance
-        ):
+        disturbed = getattr(self.sampler, "disturbs_mean", False)
+        if disturbed and isinstance(self.schedule, PerPathCovariance):
+            kind = type(self.sampler).__name__
             raise ValueError(
                 "schedule=PerPathCovariance needs controls to run the filter along, and "
-                "sampler=InnovationSampler has none: take SharedCovariance"
+                f"sampler={kind} draws paths that no control leads along: take SharedCovariance"
             )
 
     def init(self, problem: Problem) -> Array:

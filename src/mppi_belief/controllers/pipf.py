@@ -33,7 +33,7 @@ from ..structs import number, size, struct
 
 
 class PIPFInfo(NamedTuple):
-    """Diagnostics of one step."""
+    """Holds the diagnostics of one step."""
 
     ess: Array  # (): effective sample size over all paths
     weights: Array  # (K L,): of all paths, those of a particle together
@@ -92,11 +92,12 @@ class PIPF:
     n_samples: int = size(default=200)  # L, per particle
     horizon: int = size(default=30)  # H, steps
     temperature: float = number(default=1.0, gt=0)  # lambda
-    path_cost: PathCost = CertaintyEquivalent()
-    sampler: NominalSampler = NominalSampler()
-    combination: Combination = AverageOfParticles()
+    path_cost: PathCost = CertaintyEquivalent()  # of a state, which is known for certain
+    sampler: NominalSampler = NominalSampler()  # where controls are drawn
+    combination: Combination = AverageOfParticles()  # how the particles' paths are weighted
 
     def __post_init__(self) -> None:
+        """Refuses samplers that plan from one Gaussian."""
         if not isinstance(self.sampler, NominalSampler):
             raise ValueError(
                 "sampler must be a NominalSampler: PIPF plans from particles, "

@@ -9,16 +9,16 @@ and Kappen 2015), so that the path cost becomes
 
     S + lambda ( sum_k 1/2 (u_k - m_k)' S_u^-1 (u_k - m_k) + log p(u) )
 
-The control for many samples is then the same for every p; how many are enough is not. With v =
-nominal, K = 0, F F' = S_u this is `path_integral.girsanov`: m = nominal - S_u W nominal / lambda. A
-W above lambda S_u^-1 would push the controls away from the nominal; in this case only, the limit
+The control for many samples is then the same for every p; how many are enough is not. The case
+v = nominal, K = 0, F F' = S_u is `path_integral.girsanov`: m = nominal - S_u W nominal / lambda.
+A W above lambda S_u^-1 would push the controls away from the nominal; in this case only, the limit
 differs from that of the nominal sampler: m = 0, as for the exact W = lambda S_u^-1.
 
-The Laplace policy is the optimal policy of the LQ problem about the nominal, with the covariance F
-F' = lambda Quu^-1. Where the problem is this LQ problem, all weights are equal (Kappen and Ruiz
-2016). Where it is far from it, none of its samples may be any good. Therefore one sample in EVERY
-is drawn about the nominal, and p is the mixture of the two densities (Hesterberg 1995), under which
-no path weighs more than EVERY times what it weighs for the nominal sampler.
+The Laplace policy is the optimal policy of the LQ problem about the nominal; its covariance is
+F F' = lambda Quu^-1. Where the problem is this LQ problem, all weights are equal (Kappen and Ruiz
+2016). Where it is far from it, perhaps none of its samples is any good. Therefore one sample in
+EVERY is drawn about the nominal, and p is the mixture of the two densities (Hesterberg 1995), under
+which no path weighs more than EVERY times what it weighs for the nominal sampler.
 
 Symbols: H steps of the horizon, N samples, nx states, nu controls.
 """
@@ -41,14 +41,14 @@ EVERY = 5  # one sample in so many is drawn about the nominal; a choice
 
 
 class ReferenceDensity(NamedTuple):
-    """The density N(m_k, S_u) that the controls of a path would have if it cost nothing."""
+    """Represents the density N(m_k, S_u) that the controls of a path would have if it cost nothing."""
 
     centre: Array  # m (H, nu)
     precision: Array  # lambda S_u^-1 (nu, nu)
 
 
 class FeedbackPolicy(NamedTuple):
-    """Gaussian controls about a feedback law."""
+    """Represents Gaussian controls about a feedback law."""
 
     means: Array  # (H, nx): belief means about which the feedback acts
     controls: Array  # v (H, nu)

@@ -30,7 +30,7 @@ SUFFICIENT = 1e-4  # part of the predicted decrease that a step must reach (Armi
 
 
 class Policy(NamedTuple):
-    """Feedback about a trajectory: u_k = controls_k + gains_k (x - states_k)."""
+    """Represents feedback about a trajectory: u_k = controls_k + gains_k (x - states_k)."""
 
     states: Array  # (H+1, nx)
     controls: Array  # (H, nu): feedforward
@@ -38,7 +38,7 @@ class Policy(NamedTuple):
 
 
 class ILQRSolution(NamedTuple):
-    """A policy and how it was found."""
+    """Holds a policy and how it was found."""
 
     policy: Policy
     cost: Array  # (): the objective along the policy
@@ -47,7 +47,7 @@ class ILQRSolution(NamedTuple):
 
 
 class ILQRInfo(NamedTuple):
-    """Diagnostics of one step of a planner without samples."""
+    """Holds the diagnostics of one step of a planner without samples."""
 
     ess: Array  # (): not a number, since there is no effective sample size
     nominal_cost: Array  # (): cost of the plan
@@ -56,7 +56,7 @@ class ILQRInfo(NamedTuple):
 
 
 class ILQRSettings(NamedTuple):
-    """When to stop, and how much to regularise."""
+    """Says when to stop, and how much to regularise."""
 
     tolerance: Array | float  # relative decrease of the cost at which the plan has converged
     max_iterations: Array | int
@@ -126,7 +126,7 @@ def lq_improvement(
 
 
 class _SolverState(NamedTuple):
-    """What one iteration hands to the next."""
+    """Holds what one iteration hands to the next."""
 
     policy: Policy
     cost: Array  # ()

@@ -25,7 +25,7 @@ StateCost = Callable[[Array, Array], Array]  # state (nx,), step () -> cost ()
 
 
 class Expansion(NamedTuple):
-    """Dynamics to first and state costs to second order about T steps."""
+    """Holds dynamics to first and state costs to second order about T steps."""
 
     A: Array  # (T, nx, nx): Jacobians by the state
     B: Array  # (T, nx, nu): Jacobians by the control
@@ -34,7 +34,7 @@ class Expansion(NamedTuple):
 
 
 class Improvement(NamedTuple):
-    """The solution of an LQ problem, relative to what it was expanded about."""
+    """Holds the solution of an LQ problem, relative to what it was expanded about."""
 
     feedforward: Array  # (T, nu): change of the controls
     gains: Array  # (T, nu, nx)

@@ -25,7 +25,7 @@ class PathCost(Protocol):
 
     @property
     def at_step_end(self) -> bool:
-        """Whether a step is charged for the belief it leads to, or for its start."""
+        """Says whether a step is charged for the belief it leads to, or for its start."""
 
     def running(self, problem: Problem, mean: Array, cov: Array) -> Array:
         """Returns the cost per second () of a belief with mean (nx,) and covariance (nx, nx)."""
@@ -51,7 +51,7 @@ class MixturePathCost(PathCost, Protocol):
 
 
 class DrawnPaths(NamedTuple):
-    """Paths as a sampler draws them."""
+    """Holds paths as a sampler draws them."""
 
     increments: Array  # (H, nu, N): the controls less those of the nominal plan
     means: (
@@ -68,15 +68,15 @@ class PlannedBelief(Protocol):
 
     @property
     def cov(self) -> Array:
-        """The planned covariances (H+1, nx, nx) along the nominal plan."""
+        """Returns the planned covariances (H+1, nx, nx) along the nominal plan."""
 
     @property
     def nominal_cost(self) -> Array:
-        """The state cost () of the nominal plan itself."""
+        """Returns the state cost () of the nominal plan itself."""
 
     @property
     def moments(self) -> "PlannedGaussian":
-        """The same of one Gaussian with the belief's mean and covariance."""
+        """Returns the plan of one Gaussian with the belief's mean and covariance."""
 
     def costs(self, controls: Array, means: Array | None) -> tuple[Array, Array]:
         """Returns the state costs (N,) and the belief means (H, nx, N) of paths.
@@ -92,7 +92,7 @@ class PlannedGaussian(PlannedBelief, Protocol):
 
     @property
     def schedule(self) -> GainSchedule:
-        """Means, covariances, gains and diffusions along the nominal plan."""
+        """Returns means, covariances, gains and diffusions along the nominal plan."""
 
 
 @runtime_checkable
@@ -127,19 +127,19 @@ class Sampler(Protocol):
 
 @runtime_checkable
 class SampledPaths(Protocol):
-    """Optional ability of diagnostics: they hold the sampled paths, which can then be recorded."""
+    """Marks diagnostics that hold the sampled paths, which can then be recorded."""
 
     @property
     def means(self) -> Array:
-        """Belief means (H, nx, N) along the paths."""
+        """Returns the belief means (H, nx, N) along the paths."""
 
     @property
     def weights(self) -> Array:
-        """Weights (N,) of the paths, adding up to one."""
+        """Returns the weights (N,) of the paths, which add up to one."""
 
 
 class PlanInfo(NamedTuple):
-    """Diagnostics of one step of a sampling planner."""
+    """Holds the diagnostics of one step of a sampling planner."""
 
     ess: Array  # (): effective sample size
     nominal_cost: Array  # (): state cost of the nominal plan that the step started from

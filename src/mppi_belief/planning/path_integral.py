@@ -7,8 +7,9 @@ with the control increment delta_k = R^-1 G' (G R^-1 G')^+ L_k eps_k / dt. Two c
 
 * innovation: L_k L_k' = D_k, what the measurements will do to the mean. With a zero nominal this is
   Algorithm 1 as printed.
-* matched: L_k L_k' = lambda G R^-1 G', the matching condition imposed; then L_k eps_k = G delta_k
-  dt, so the noise enters through the control channel about a warm-started nominal, as in MPPI.
+* matched: L_k L_k' = lambda G R^-1 G', the matching condition imposed. Then L_k eps_k is
+  G delta_k dt: the noise enters through the control channel about a warm-started nominal, as in
+  MPPI.
 
 The last term of S is Girsanov's, for sampling about a nominal that is not zero (its part that is
 the same for all samples cancels in the weights). What the costs make of the paths is in
@@ -74,8 +75,8 @@ def girsanov_weight(
     """Returns the matrix W (nu, nu) of `girsanov`.
 
     It is R dt in theory, and gamma S_u^-1 with gamma = lambda (1 - alpha) for increments of
-    covariance S_u = std^2 I and a given alpha (Williams et al. 2018). Both agree for S_u = lambda
-    R^-1 / dt and alpha = 0.
+    covariance S_u = std^2 I and a given alpha (Williams et al. 2018). Both agree for alpha = 0
+    and S_u = lambda R^-1 / dt.
     """
     R = problem.cost.R
     if alpha is None:

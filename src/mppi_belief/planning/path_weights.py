@@ -86,7 +86,7 @@ class Exponential:
 
 
 class CostedPaths(NamedTuple):
-    """Sampled paths with what they cost."""
+    """Holds sampled paths with what they cost."""
 
     increments: Array  # (H, nu, N): controls less those of the nominal
     costs: Array  # (N,): path costs S, the correction for their density included
@@ -94,7 +94,7 @@ class CostedPaths(NamedTuple):
 
 
 class ImprovedPlan(NamedTuple):
-    """A plan improved by sampled paths."""
+    """Holds a plan improved by sampled paths."""
 
     controls: Array  # (H, nu)
     weights: Array  # (N,): of the sampled paths

@@ -37,7 +37,7 @@ SHOWN = 40  # sampled paths kept of each step: the heaviest quarter, and the fir
 
 
 class PathsInSpace(NamedTuple):
-    """Sampled paths of every step as positions."""
+    """Holds the sampled paths of every step as positions."""
 
     positions: Array  # (T, H, d, N), m
     weights: Array  # (T, N)

@@ -48,29 +48,36 @@ class PerPathPlan:
 
     @property
     def cov(self) -> Array:
-        """The planned covariances (H+1, nx, nx) along the nominal."""
+        """Returns the planned covariances (H+1, nx, nx) along the nominal."""
         return self.moments.cov
 
     @property
     def nominal_cost(self) -> Array:
-        """The state cost () of the nominal plan."""
+        """Returns the state cost () of the nominal plan."""
         return self.costs(self.controls[:, :, None], None)[0][0]
 
     @property
     def moments(self) -> GaussianPlan:
-        """The plan with one covariance for all paths, the one along the nominal."""
+        """Returns the plan with one covariance for all paths, the one along the nominal."""
         schedule = gain_schedule(self.problem, self.start, self.controls)
         return GaussianPlan(self.problem, self.path_cost, self.start.mean, schedule)
 
     def costs(self, controls: Array, means: Array | None) -> tuple[Array, Array]:
         """Returns state costs (N,) and means (H, nx, N) of paths with controls (H, nu, N)."""
-        problem, path_cost, n_samples = self.problem, self.path_cost, controls.shape[-1]
+        problem = self.problem
+        path_cost = self.path_cost
+        n_samples = controls.shape[-1]
+
+        # Functions of one path, mapped over all of them.
         step = vmap_scalarized(
             lambda mean, root, u: filter_step(problem, mean, root, u)[:2], (True, True, True)
         )
         spread = vmap_scalarized(covariance, (True,))
         charge = vmap_scalarized(
             lambda mean, cov: path_cost.running(problem, mean, cov), (True, True)
+        )
+        charge_end = vmap_scalarized(
+            lambda mean, root: path_cost.terminal(problem, mean, covariance(root)), (True, True)
         )
         Carry = tuple[Array, Array, Array]
 
@@ -89,7 +96,4 @@ class PerPathPlan:
         (mean, root, total), path_means = jax.lax.scan(
             advance, (mean, root, jnp.zeros(n_samples)), controls
         )
-        at_end = vmap_scalarized(
-            lambda mean, root: path_cost.terminal(problem, mean, covariance(root)), (True, True)
-        )
-        return total + at_end(mean, root), path_means
+        return total + charge_end(mean, root), path_means

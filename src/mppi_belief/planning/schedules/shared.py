@@ -59,17 +59,17 @@ class GaussianPlan:
 
     @property
     def cov(self) -> Array:
-        """The planned covariances (H+1, nx, nx)."""
+        """Returns the planned covariances (H+1, nx, nx)."""
         return self.schedule.cov
 
     @property
     def nominal_cost(self) -> Array:
-        """The state cost () of the nominal plan."""
+        """Returns the state cost () of the nominal plan."""
         return self.state_costs(self.schedule.mean[1:, :, None])[0]
 
     @property
     def moments(self) -> "GaussianPlan":
-        """The plan itself."""
+        """Returns the plan itself."""
         return self
 
     def costs(self, controls: Array, means: Array | None) -> tuple[Array, Array]:
@@ -104,28 +104,28 @@ class MixturePlan:
 
     @property
     def means(self) -> Array:
-        """The means (H+1, m, nx) of the components along the nominal."""
+        """Returns the means (H+1, m, nx) of the components along the nominal."""
         return jnp.swapaxes(self.schedules.mean, 0, 1)
 
     @property
     def covs(self) -> Array:
-        """The covariances (H+1, m, nx, nx) of the components along the nominal."""
+        """Returns the covariances (H+1, m, nx, nx) of the components along the nominal."""
         return jnp.swapaxes(self.schedules.cov, 0, 1)
 
     @property
     def cov(self) -> Array:
-        """The planned covariances (H+1, nx, nx) of the mixture."""
+        """Returns the planned covariances (H+1, nx, nx) of the mixture."""
         of_mixture = jax.vmap(mixture_covariance, in_axes=(None, 0, 0))
         return of_mixture(self.belief.weights, self.means, self.covs)
 
     @property
     def nominal_cost(self) -> Array:
-        """The state cost () of the nominal plan."""
+        """Returns the state cost () of the nominal plan."""
         return self.state_costs(self.means[1:, :, :, None])[0]
 
     @property
     def moments(self) -> GaussianPlan:
-        """The plan of one Gaussian with the mixture's mean and covariance."""
+        """Returns the plan of one Gaussian with the mixture's mean and covariance."""
         schedule = gain_schedule(self.problem, self.belief, self.controls, self.method)
         return GaussianPlan(self.problem, self.path_cost, self.belief.mean, schedule)
 
