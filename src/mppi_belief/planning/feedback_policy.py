@@ -41,7 +41,7 @@ EVERY = 5  # one sample in so many is drawn about the nominal; a choice
 
 
 class ReferenceDensity(NamedTuple):
-    """Represents the density N(m_k, S_u) that the controls of a path would have if it cost nothing."""
+    """Represents the density N(m_k, S_u) of the controls of a path that costs nothing."""
 
     centre: Array  # m (H, nu)
     precision: Array  # lambda S_u^-1 (nu, nu)
