@@ -13,7 +13,7 @@ from helpers import assert_mean, light_dark_problem, quick_jit
 from linear_system import random_problem
 from mppi_belief.belief.particles import ParticleBelief, weighted_particles
 from mppi_belief.discretise import euler_step
-from mppi_belief.filters.particle import log_likelihood, systematic
+from mppi_belief.filters.particle import measurement_log_density, systematic_resampling
 
 CONTROLS = jnp.array([[0.5, -0.2], [0.1, 0.3], [-0.4, 0.0], [0.2, 0.2]])
 SURPRISES = jnp.array(
@@ -63,7 +63,7 @@ def test_mean_and_covariance_are_kalmans_on_a_linear_system(x64, rng):
 
 
 def test_likelihood_is_the_normal_density_with_the_noise_of_the_place_it_is_told(x64):
-    problem, likelihood = light_dark_problem(), quick_jit(log_likelihood)
+    problem, likelihood = light_dark_problem(), quick_jit(measurement_log_density)
     y = jnp.array([2.0, 0.3])
     for x in (jnp.array([1.0, 0, 0, 0]), jnp.array([5.0, 0.1, 0, 0]), jnp.array([7.0, 1.0, 0, 0])):
         for at in (x, jnp.array([6.0, 0, 0, 0])):
@@ -118,7 +118,7 @@ def test_no_usable_weight_means_equal_weights():
     np.testing.assert_allclose(belief.mean, particles.mean(axis=1), rtol=1e-6)
 
 
-quick_systematic = quick_jit(systematic)  # compiled once for each size
+quick_systematic = quick_jit(systematic_resampling)  # compiled once for each size
 
 
 @settings(max_examples=60, deadline=None, derandomize=True)

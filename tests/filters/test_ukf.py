@@ -12,7 +12,7 @@ import mppi_belief as mb
 from helpers import light_dark_problem, quick_jit, random_spd
 from linear_system import random_problem
 from mppi_belief.belief.gaussian import RootBelief
-from mppi_belief.filters.ukf import regression
+from mppi_belief.filters.ukf import measurement_regression
 from mppi_belief.matching.affine import outside_mean_tangent
 from mppi_belief.numerics.quadrature import gaussian_nodes, sigma_points
 from system_helpers import beacons, pendulum, turned
@@ -119,7 +119,7 @@ def test_what_it_takes_for_noise_is_the_part_outside_the_tangent_space(x64, rng)
     root = np.linalg.cholesky(cov)
     problem = random_problem(rng)
     bent = mb.Problem(Bent(), problem.cost, mean, np.ones(3), dt=0.1, steps=1)
-    fit = quick_jit(regression)(bent, RootBelief(mean, root))
+    fit = quick_jit(measurement_regression)(bent, RootBelief(mean, root))
     nodes = gaussian_nodes(3, 5)
     part, A = quick_jit(lambda: outside_mean_tangent(Bent().c, mean, cov, nodes))()
     left = np.trace(fit.noise - np.eye(2))

@@ -1,6 +1,6 @@
-"""What a belief is: one Gaussian with a root of its covariance, or several.
+"""Beliefs as one Gaussian or a mixture of Gaussians, their covariances carried as square roots.
 
-Covariances are carried as roots, Sigma = root root', so that they stay semidefinite whatever is rounded.
+Sigma = root root' stays positive semidefinite whatever is rounded.
 """
 
 from typing import Any, NamedTuple
@@ -13,62 +13,65 @@ from ..numerics.square_root import pivoted_cholesky, tria
 
 
 class RootBelief(NamedTuple):
-    """A Gaussian belief N(mean, root root'): mean (nx,), root (nx, nx)."""
+    """Holds a Gaussian belief N(mean, root root')."""
 
-    mean: Array
-    root: Array
+    mean: Array  # mu (nx,)
+    root: Array  # (nx, nx), any square root of the covariance
 
     @property
     def cov(self) -> Array:
-        """The covariance (nx, nx)."""
+        """The covariance Sigma (nx, nx)."""
         return covariance(self.root)
 
 
 class MixtureBelief(NamedTuple):
-    """A mixture of m Gaussians N(means_i, roots_i roots_i'): means (m, nx), roots (m, nx, nx), normalised log_weights
-    (m,). `mean` and `cov` are those of the whole."""
+    """Holds a mixture of m Gaussians, sum_i w_i N(means_i, roots_i roots_i')."""
 
-    means: Array
-    roots: Array
-    log_weights: Array
+    means: Array  # (m, nx), of the components
+    roots: Array  # (m, nx, nx), square roots of the components' covariances
+    log_weights: Array  # (m,), normalised
 
     @property
     def weights(self) -> Array:
-        """(m,), adding up to one."""
+        """The weights w (m,), which add up to one."""
         return jnp.exp(self.log_weights)
 
     @property
     def mean(self) -> Array:
-        """sum_i w_i mu_i (nx,)."""
+        """The mean (nx,) of the mixture, sum_i w_i mu_i."""
         return self.weights @ self.means
 
     @property
     def cov(self) -> Array:
-        """(nx, nx), see `mixture_covariance`."""
+        """The covariance (nx, nx) of the mixture."""
         return mixture_covariance(self.weights, self.means, covariance(self.roots))
 
     @property
     def root(self) -> Array:
-        """A root (nx, nx) of it."""
-        columns = jnp.concatenate([self.roots, (self.means - self.mean)[:, :, None]], axis=2)
-        return tria(jnp.concatenate(list(columns * jnp.sqrt(self.weights)[:, None, None]), axis=1))
+        """A square root (nx, nx) of the mixture's covariance."""
+        offsets = (self.means - self.mean)[:, :, None]
+        columns = jnp.concatenate([self.roots, offsets], axis=2)
+        weighted = columns * jnp.sqrt(self.weights)[:, None, None]
+        return tria(jnp.concatenate(list(weighted), axis=1))
 
 
 def covariance_root(belief: Any) -> Array:
-    """A root (nx, nx) of a belief's covariance: its own, if it has one."""
-    return (
-        belief.root
-        if isinstance(belief, RootBelief | MixtureBelief)
-        else pivoted_cholesky(belief.cov)
-    )
+    """Returns a square root (nx, nx) of a belief's covariance: its own, if it carries one."""
+    if isinstance(belief, RootBelief | MixtureBelief):
+        return belief.root
+    return pivoted_cholesky(belief.cov)
 
 
 def covariance(root: Array) -> Array:
-    """root root' for (..., nx, nx), semidefinite on its own scale whatever the root."""
+    """Returns root root' for (..., nx, nx), semidefinite on its own scale whatever the root."""
     return symmetrise(root @ jnp.swapaxes(root, -1, -2))
 
 
 def mixture_covariance(weights: Array, means: Array, covs: Array) -> Array:
-    """sum_i w_i (Sigma_i + (mu_i - mu)(mu_i - mu)') (nx, nx) for weights (m,), means (m, nx), covs (m, nx, nx)."""
-    off = means - weights @ means
-    return symmetrise(jnp.tensordot(weights, covs + off[:, :, None] * off[:, None, :], axes=1))
+    """Returns sum_i w_i (Sigma_i + (mu_i - mu)(mu_i - mu)') (nx, nx).
+
+    For weights (m,), means (m, nx) and covs (m, nx, nx) of the components.
+    """
+    offsets = means - weights @ means
+    outer_products = offsets[:, :, None] * offsets[:, None, :]
+    return symmetrise(jnp.tensordot(weights, covs + outer_products, axes=1))

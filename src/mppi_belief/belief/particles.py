@@ -10,16 +10,19 @@ from ..numerics.linalg import symmetrise
 
 
 class ParticleBelief(NamedTuple):
-    """Particles (nx, K) with normalised log-weights (K,), and their mean (nx,) and covariance (nx, nx)."""
+    """Holds K weighted particles and their first two moments."""
 
-    mean: Array
-    cov: Array
-    particles: Array
-    log_weights: Array
+    mean: Array  # (nx,)
+    cov: Array  # (nx, nx)
+    particles: Array  # (nx, K)
+    log_weights: Array  # (K,), normalised
 
 
 def weighted_particles(particles: Array, log_weights: Array) -> ParticleBelief:
-    """The belief with its weights normalised; equal weights where none is finite."""
+    """Returns the belief of particles (nx, K) with log-weights (K,), which are normalised.
+
+    Weights that are not finite count as zero; where none is finite, all weights are equal.
+    """
     usable = jnp.isfinite(log_weights)
     log_weights = jnp.where(usable.any(), jnp.where(usable, log_weights, -jnp.inf), 0.0)
     log_weights = jax.nn.log_softmax(log_weights)

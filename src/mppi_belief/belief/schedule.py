@@ -1,4 +1,7 @@
-"""Gain schedule (Assumption 1): what is known of the belief in advance along a nominal trajectory."""
+"""Gain schedule (Assumption 1): the covariance, gain and diffusion along a nominal trajectory.
+
+They do not depend on the measurements to come and are therefore known in advance.
+"""
 
 from typing import NamedTuple
 
@@ -15,16 +18,12 @@ from .riccati import kalman_bucy_gain, riccati_root
 
 
 class GainSchedule(NamedTuple):
-    """Assumption 1: what is known of the belief in advance along a nominal trajectory.
+    """Holds what is known of the belief in advance along a nominal trajectory of T steps."""
 
-    `mean` (T+1, nx) and `cov` (T+1, nx, nx) at t_0..t_T; `gain` (T, nx, ny) and `diffusion`
-    (T, nx, nx) for the steps between them.
-    """
-
-    mean: Array
-    cov: Array
-    gain: Array
-    diffusion: Array
+    mean: Array  # (T+1, nx), at t_0..t_T
+    cov: Array  # Sigma (T+1, nx, nx), at t_0..t_T
+    gain: Array  # K (T, nx, ny), of the steps between them
+    diffusion: Array  # D (T, nx, nx), of the steps between them
 
 
 def gain_schedule(
@@ -34,46 +33,44 @@ def gain_schedule(
     method: str = "filter",
     means: Array | None = None,
 ) -> GainSchedule:
-    """The schedule along the mean that `controls` (T, nu) lead to from `belief`, or along given `means` (T, nx) of
-    t_1..t_T.
+    """Returns the schedule along the mean that `controls` (T, nu) lead to from `belief`.
 
-    "filter" runs the discrete recursion that the filter itself runs (D = K S K' / dt); "riccati"
-    solves (11) with coefficients frozen over each step (K and D of the continuous theory, at t_k).
+    Given `means` (T, nx) of t_1..t_T take the place of that mean. Method "filter" runs the discrete
+    recursion that the filter itself runs (D = K S K' / dt); "riccati" solves (11) with coefficients
+    frozen over each step (K and D of the continuous theory, at t_k).
     """
     step = {"filter": filter_step, "riccati": _riccati_schedule_step}[method]
 
     def advance(
-        at: tuple[Array, Array], given: tuple[Array, Array | None]
+        moments: tuple[Array, Array], inputs: tuple[Array, Array | None]
     ) -> tuple[tuple[Array, Array], tuple]:
-        u, replaced = given
-        mean, root, gain, diffusion = step(problem, *at, u)
-        mean = mean if replaced is None else replaced
+        u, given_mean = inputs
+        mean, root, gain, diffusion = step(problem, *moments, u)
+        mean = mean if given_mean is None else given_mean
         return (mean, root), (mean, covariance(root), gain, diffusion)
 
-    start = belief.mean, covariance_root(belief)
+    start = (belief.mean, covariance_root(belief))
     _, (mean, cov, gain, diffusion) = jax.lax.scan(advance, start, (controls, means))
-    mean, cov = jnp.concatenate([belief.mean[None], mean]), jnp.concatenate([belief.cov[None], cov])
+    mean = jnp.concatenate([belief.mean[None], mean])
+    cov = jnp.concatenate([belief.cov[None], cov])
     return GainSchedule(mean, cov, gain, diffusion)
 
 
 def _riccati_schedule_step(
     problem: Problem, mean: Array, root: Array, u: Array
 ) -> tuple[Array, Array, Array, Array]:
+    """Returns the next mean (nx,) and root (nx, nx), and K and D at t_k, of the continuous theory."""
     problem = aim_sensor(problem, mean, root, sampled=False)
     system = problem.system
     dt = problem.dt
     A = jax.jacfwd(lambda x: system.f(x) + system.G(x) @ u)(mean)
     C = jax.jacfwd(system.c)(mean)
+    Q = system.H @ system.H.T
     R_o = measurement_intensity(problem, mean)
     K, D = kalman_bucy_gain(covariance(root), C, R_o)
-    return (
-        euler_step(system, mean, u, dt),
-        riccati_root(root, A, system.H @ system.H.T, C, R_o, dt),
-        K,
-        D,
-    )
+    return euler_step(system, mean, u, dt), riccati_root(root, A, Q, C, R_o, dt), K, D
 
 
 def diffusion_factors(schedule: GainSchedule) -> tuple[Array, Array]:
-    """L_k (T, nx, nx) with L_k L_k' = D_k, zero beyond the rank r_k, and r_k (T,)."""
+    """Returns L_k (T, nx, nx) with L_k L_k' = D_k, zero beyond the rank r_k, and r_k (T,)."""
     return jax.vmap(psd_factor)(schedule.diffusion)

@@ -1,16 +1,17 @@
-"""Unscented Kalman filter (Julier and Uhlmann 2004) on a cubature rule, as statistical linear regression.
+"""Unscented Kalman filter (Julier and Uhlmann 2004) on a cubature rule, as statistical regression.
 
 Under N(mu, Sigma), Sigma = root root', x = mu + root z, the best linear fit of the measurement is
+(Lefebvre, Bruyninckx and De Schutter 2002)
 
-    c(x) = y^ + M' z + e,    M = E[z c'],    Omega = E[e e']           (Lefebvre, Bruyninckx and De Schutter 2002)
+    c(x) = y^ + M' z + e,    M = E[z c'],    Omega = E[e e']
 
-and the filter corrects as Kalman's does for the slope M' and the noise R_s + Omega. A = (root^-1)' M' is the best A of
-Theorem 1 and Omega what it leaves: the part of c outside the tangent space of Gaussian means is taken for noise, where
-the extended filter leaves it out. R_s is that at the predicted mean, as there.
+and the filter corrects as Kalman's does for the slope M' and the noise R_s + Omega.
+A = (root^-1)' M' is the best A of Theorem 1 and Omega what it leaves: the part of c outside the
+tangent space of Gaussian means counts as noise, where the extended filter neglects it. R_s is that
+at the predicted mean, as there.
 
-Points are those of the rule of degree 5 in `numerics.quadrature`; beyond 4 states, where some of its weights are
-negative, the 2 nx points of degree 3 (Arasaratnam and Haykin 2009). With no negative weight and no covariance
-subtracted from another, beliefs stay roots and covariances positive semidefinite.
+Expectations are taken by `numerics.quadrature.sigma_points`. With no negative weight and no
+covariance subtracted from another, beliefs stay square roots and covariances semidefinite.
 """
 
 from typing import NamedTuple
@@ -28,13 +29,12 @@ from ..problem import Belief, Correction, Problem
 from ..structs import struct
 
 
-class Regression(NamedTuple):
-    """c(x) = expected + slope' z + e for x = mean + root z: expected (ny,), slope (nx, ny), noise (ny, ny), the
-    covariance of e and of the measurement's noise."""
+class MeasurementRegression(NamedTuple):
+    """Holds the best linear fit c(x) = expected + slope' z + e for x = mean + root z."""
 
-    expected: Array
-    slope: Array
-    noise: Array
+    expected: Array  # y^ (ny,)
+    slope: Array  # M (nx, ny)
+    noise: Array  # R_s + Omega (ny, ny), of the measurement's noise and of e
 
 
 @struct
@@ -47,13 +47,13 @@ class UKF:
 
     def predict(self, problem: Problem, belief: Belief | RootBelief, u: Array) -> RootBelief:
         """Returns the belief one step after control u (nu,), before the measurement."""
-        return predicted(problem, belief, u)
+        return predicted_moments(problem, belief, u)
 
     def correct(self, problem: Problem, belief: Belief | RootBelief, y: Array) -> Correction:
         """Corrects a predicted belief by the measurement y (ny,), by the linear regression of c."""
         root = covariance_root(belief)
         mean = belief.mean
-        fit = regression(problem, RootBelief(mean, root))
+        fit = measurement_regression(problem, RootBelief(mean, root))
         shrunk, gain, _ = potter_update(
             jnp.eye(len(mean), dtype=mean.dtype), fit.slope.T, fit.noise
         )
@@ -68,9 +68,11 @@ class UKF:
         return self.correct(problem, self.predict(problem, belief, u), y).posterior
 
 
-def predicted(problem: Problem, belief: Belief | RootBelief, u: Array) -> RootBelief:
-    """The belief one step later, before the measurement; u (nu,)."""
-    system, dt, root = problem.system, problem.dt, covariance_root(belief)
+def predicted_moments(problem: Problem, belief: Belief | RootBelief, u: Array) -> RootBelief:
+    """Returns the belief one step after control u (nu,), before the measurement."""
+    system = problem.system
+    dt = problem.dt
+    root = covariance_root(belief)
     z, weights = (jnp.asarray(part, root.dtype) for part in sigma_points(len(root)))
     moved = jax.vmap(lambda point: euler_step(system, belief.mean + root @ point, u, dt))(z)
     mean = weights @ moved
@@ -78,15 +80,26 @@ def predicted(problem: Problem, belief: Belief | RootBelief, u: Array) -> RootBe
     return RootBelief(mean, tria(jnp.hstack([spread, system.H * jnp.sqrt(dt)])))
 
 
-def regression(problem: Problem, ahead: RootBelief) -> Regression:
-    """The measurement's best linear fit under a belief, by the sigma points; differences are taken from c(mean)."""
-    system, mean, root = problem.system, ahead.mean, ahead.root
+def measurement_regression(problem: Problem, predicted: RootBelief) -> MeasurementRegression:
+    """Returns the measurement's best linear fit under a predicted belief, by the sigma points.
+
+    Measurements are compared with c(mean), from which wrapped ones differ by less than half a turn.
+    """
+    system = problem.system
+    mean = predicted.mean
+    root = predicted.root
     z, weights = (jnp.asarray(part, root.dtype) for part in sigma_points(len(root)))
+
+    # Measurements at the sigma points, about their expectation.
     middle = system.c(mean)
-    off = jax.vmap(
+    offsets = jax.vmap(
         lambda point: measurement_difference(system, system.c(mean + root @ point), middle)
     )(z)
-    shift = weights @ off
-    slope = (weights[:, None] * z).T @ (off - shift)
-    left = (off - shift - z @ slope) * jnp.sqrt(weights)[:, None]
-    return Regression(middle + shift, slope, measurement_cov(problem, mean) + left.T @ left)
+    shift = weights @ offsets
+    centred = offsets - shift
+
+    # The slope, and what it leaves.
+    slope = (weights[:, None] * z).T @ centred
+    residuals = (centred - z @ slope) * jnp.sqrt(weights)[:, None]
+    noise = measurement_cov(problem, mean) + residuals.T @ residuals
+    return MeasurementRegression(middle + shift, slope, noise)
