@@ -18,7 +18,7 @@ def random_problem(
 
 
 def lqr(problem: mb.Problem, start: np.ndarray, charged: np.ndarray) -> np.ndarray:
-    """Optimal controls (H, nu) from `start` by one dense least-squares solve: no recursion at all."""
+    """Returns the optimal controls (H, nu) from `start` by one dense least-squares solve."""
     system = problem.system
     cost = problem.cost
     dt = problem.dt

@@ -1,6 +1,4 @@
-"""The tutorial and the notebook: what they quote is what lies there, and what they tell to do
-works.
-"""
+"""Tests the tutorial and the notebook: their files are those of examples/, their commands work."""
 
 import json
 import re
@@ -20,7 +18,7 @@ COMMANDS = re.findall(r"^    mppi-belief (.+)$", TUTORIAL, re.MULTILINE)
 
 
 @pytest.mark.parametrize("name", ["boat.py", "system/boat.yaml", "experiment/crossing.yaml"])
-def test_what_it_quotes_is_what_lies_there(name):
+def test_its_files_are_those_of_the_example(name):
     quoted = re.findall(r"^```\w+\n(.*?)^```$", TUTORIAL, re.MULTILINE | re.DOTALL)
     assert (ROOT / "examples" / "boat" / name).read_text() in quoted
 
@@ -28,13 +26,13 @@ def test_what_it_quotes_is_what_lies_there(name):
 def test_its_commands_run_one_after_the_other(tmp_path, capsys):
     assert len(COMMANDS) == 5
     for line in COMMANDS:
-        said = told(line, tmp_path, capsys)
-        assert said.code == 0, (line, said.err)
+        answer = run_smaller(line, tmp_path, capsys)
+        assert answer.code == 0, (line, answer.err)
     assert "boat" in (tmp_path / "outputs" / "report" / "index.html").read_text()
 
 
-def told(line: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> Said:
-    """A command of the tutorial, smaller."""
+def run_smaller(line: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> Said:
+    """Runs a command of the tutorial with few samples and trials."""
     command, *words = shlex.split(line.replace("examples/boat", str(ROOT / "examples" / "boat")))
     return call(folder, capsys, command, *words, *(QUICK[:3] if command == "verify" else QUICK))
 
@@ -51,6 +49,6 @@ def test_the_notebook_runs_from_its_folder(monkeypatch, capsys):
                 "commit it without output"
             )
             exec("".join(cell["source"]), names)
-    said = capsys.readouterr().out.splitlines()
-    assert [line.split()[0] for line in said] == ["MPPI-Belief", "CE-MPPI"]
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split()[0] for line in lines] == ["MPPI-Belief", "CE-MPPI"]
     plt.close("all")

@@ -1,4 +1,4 @@
-"""A boat in a current, told by a radar ashore where it is: a system and a cost of one's own."""
+"""A boat in a current, located by a radar ashore: a system and a cost of one's own."""
 
 import jax.numpy as jnp
 from jax import Array
@@ -8,16 +8,19 @@ import mppi_belief as mb
 
 @mb.struct
 class Boat:
-    """Position p = [east, north] in m, control: speed through the water in m/s; the current is strongest in mid-stream.
+    """A boat whose state is its position p = [east, north] in m, and whose control is its velocity.
 
-    dp = (current(p) + u) dt + sigma_w dw,    y = p + sigma_o(p) v,    sigma_o grows with the distance from the radar
+    dp = (current(p) + u) dt + sigma_w dw,    y = p + sigma_o(p) v
+
+    The velocity u is that through the water, in m/s. The current is strongest in mid-stream, and
+    sigma_o grows with the distance from the radar.
     """
 
     current: float = mb.number()  # m/s, to the north in mid-stream (east = 0)
     gusts: float = mb.number(ge=0)  # sigma_w, m/s^0.5
-    radar: Array = mb.array(ndim=1)  # where it stands, m
+    radar: Array = mb.array(ndim=1)  # its position, m
     resolution: float = mb.number(gt=0)  # m, at the radar
-    spread: float = mb.number(ge=0)  # m for each m of distance
+    spread: float = mb.number(ge=0)  # m per m of distance
 
     @property
     def H(self) -> Array:
@@ -39,9 +42,10 @@ class Boat:
 
 @mb.struct
 class Crossing:
-    """Be at the pier, not on the rocks: |p - pier|^2 / 2, and a danger that falls off with the distance from a rock.
+    """Charges the squared distance to the pier, and a danger near the rocks.
 
-    It gives no moments, so expectation and variance under a belief are integrated by a cubature rule.
+    It has no closed-form moments, so its expectation and variance under a belief are integrated by
+    a cubature rule.
     """
 
     goal: Array = mb.array(ndim=1)  # the pier, m

@@ -99,7 +99,7 @@ class Surroundings(NamedTuple):
         return self.components is None or self.components == tuple(range(len(self.components)))
 
     def position_first(self, nx: int) -> list[int]:
-        """Return the order of the nx components of a state that brings its position to the front."""
+        """Return the order of the nx components that brings the position to the front."""
         front = list(range(nx) if self.components is None else self.components)
         return front + [i for i in range(nx) if i not in front]
 
@@ -122,9 +122,9 @@ class SteerableSensor(Protocol):
     def aimed(self, problem: Problem, mean: Array, root: Array, sampled: bool) -> System:
         """The system with the sensor chosen for a belief N(mean (nx,), root root' (nx, nx)).
 
-        The choice may depend on nothing else but the problem, since filter, plant and planner each make it. With
-        `sampled` the belief is the predicted one, before a measurement every dt; otherwise it is
-        that of (8) at t.
+        The choice may depend on nothing else but the problem, since filter, plant and planner each
+        make it. With `sampled` the belief is the predicted one, before a measurement every dt;
+        otherwise it is that of (8) at t.
         """
 
 
@@ -162,7 +162,7 @@ class CostMoments(NamedTuple):
 
 @runtime_checkable
 class ClosedFormCost(Cost, Protocol):
-    """A cost that knows its Gaussian moments; `mppi_belief.numerics.quadrature` integrates others."""
+    """A cost that knows its Gaussian moments; those of others are integrated by quadrature."""
 
     def running_moments(self, mean: Array, cov: Array, surroundings: Surroundings) -> CostMoments:
         """Moments under N(mean, cov), mean (nx,) and cov (nx, nx)."""
@@ -221,10 +221,12 @@ class SeesState(Controller, Protocol):
 
 @struct
 class Problem:
-    """Problem 1 with its prior N(prior_mean, diag(prior_std^2)) and its time grid t_k = k dt.
+    """Holds Problem 1 with its prior N(prior_mean, diag(prior_std^2)) and time grid t_k = k dt.
 
-    With `prior_modes` the prior is a mixture of m Gaussians N(prior_mean + mode, diag(prior_std^2)).
-    Raises `ValueError` for a system that has a position, a clearance or a noise convention of its own.
+    With `prior_modes` the prior is a mixture of Gaussians N(prior_mean + mode, diag(prior_std^2)).
+
+    Raises:
+        ValueError: for a system that has a position, a clearance or a noise convention of its own
     """
 
     system: System

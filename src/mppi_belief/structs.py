@@ -1,4 +1,6 @@
-"""Defines frozen dataclasses that are JAX pytrees: numbers are data, sizes and choices are metadata.
+"""Defines frozen dataclasses that are JAX pytrees.
+
+Numbers and arrays are data; sizes, indices and choices are metadata.
 
     @struct
     class Thermostat:

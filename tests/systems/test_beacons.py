@@ -1,4 +1,4 @@
-"""The unicycle among beacons: distances and bearings, how strongly they bend, and bearings that wrap."""
+"""Tests the unicycle among beacons: distances, bearings, their curvature and their wrapping."""
 
 from dataclasses import replace
 

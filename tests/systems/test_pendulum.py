@@ -1,4 +1,4 @@
-"""The pendulum: its equation of motion, the sine it is seen through, and how strongly that bends."""
+"""Tests the pendulum: its equation of motion, its measurement and how curved that is."""
 
 import jax
 import jax.numpy as jnp
@@ -58,7 +58,10 @@ def test_slope_at_the_anchor_does_not_depend_on_curvature(x64):
 
 @pytest.mark.parametrize("kappa", [0.0, 0.5, 1.0, 2.0])
 def test_theorem_1_leaves_the_closed_form(x64, kappa):
-    """The part of a sine outside the tangent space, 1 - (E[c'] s)^2 / Var[c], by its characteristic function."""
+    """Returns the part of a sine outside the tangent space, 1 - (E[c'] s)^2 / Var[c].
+
+    It follows from the characteristic function of a Gaussian.
+    """
     mean, s = 0.9, 0.4
     part, A = outside(pendulum(curvature=kappa), np.array([mean, 0.3]), np.diag([s**2, 0.1]))
     m, v = 1.2 + kappa * (mean - 1.2), (kappa * s) ** 2

@@ -8,13 +8,16 @@ from ..structs import ArrayField, array, number, struct
 
 @struct
 class Obstacles:
-    """Discs (spheres) of one radius; centers (n, d) in metres, n may be zero."""
+    """Represents discs (spheres, intervals) of one radius."""
 
-    centers: ArrayField = array(ndim=2)
-    radius: float = number(ge=0)
+    centers: ArrayField = array(ndim=2)  # (n, d), m; n may be zero
+    radius: float = number(ge=0)  # m
 
     def clearance(self, position: Array) -> Array:
-        """Distance from a position (d,) to the nearest surface, negative inside, inf without obstacles."""
+        """Return the distance () from a position (d,) to the nearest surface.
+
+        It is negative inside, and inf without discs. Raises `ValueError` for another d.
+        """
         if len(self.centers) == 0:
             return jnp.asarray(jnp.inf)
         if self.centers.shape[-1] != len(position):

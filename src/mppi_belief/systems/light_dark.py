@@ -1,6 +1,7 @@
 """The light-dark double integrator of Sec. VII.
 
-    p' = v,  v' = u + sigma_w w',  y = p + sigma_o(p_x) v,  sigma_o(p_x) = slope |p_x - light| + floor
+    p' = v,   v' = u + sigma_w w'
+    y  = p + sigma_o(p_x) v,    sigma_o(p_x) = slope |p_x - light| + floor
 
 State [p_x, p_y, v_x, v_y] in m and m/s, control an acceleration in m/s^2, measurement in m.
 """
@@ -13,12 +14,12 @@ from ..structs import number, struct
 
 @struct
 class LightDark:
-    """A planar double integrator whose position sensor is best at p_x = light."""
+    """Represents a planar double integrator whose position sensor is best at p_x = light."""
 
     process_noise: float = number(ge=0)  # sigma_w, m/s^1.5
     light: float = number()  # x_light, m
-    noise_slope: float = number(ge=0)
-    noise_floor: float = number(gt=0)
+    noise_slope: float = number(ge=0)  # m/m
+    noise_floor: float = number(gt=0)  # m
 
     @property
     def H(self) -> Array:

@@ -11,7 +11,7 @@ from ..structs import ArrayField, array, struct
 
 @struct
 class Linear:
-    """nx states, nu controls, ny measurements, nw noise channels, no obstacles."""
+    """Represents a linear system of nx states, nu controls, ny measurements, nw noise channels."""
 
     A: ArrayField = array(ndim=2)  # (nx, nx)
     B: ArrayField = array(ndim=2)  # (nx, nu)

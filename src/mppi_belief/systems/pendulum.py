@@ -1,16 +1,18 @@
-"""A pendulum seen from the side: its angle through a sine, beside a stop that it must not touch.
+"""A pendulum seen from the side: its angle is measured through a sine.
 
-    a' = r,  r' = u - g sin a - d r + sigma_w w',    y = sin a + sigma_o v
+    a' = r,   r' = u - g sin a - d r + sigma_w w'
+    y  = sin a + sigma_o v
 
-State [a, r]: angle from hanging down in rad and its rate in rad/s; control a torque by moment of inertia in
-rad/s^2; measurement the bob's sideways displacement by its length. Near a = pi/2 it is flat. How strongly it
-bends is `curvature`: about the anchor z,
+State [a, r]: angle from hanging down in rad and its rate in rad/s; control a torque over the moment
+of inertia in rad/s^2; measurement the bob's sideways displacement over its length, which hardly
+depends on the angle near a = pi/2. `curvature` kappa says how nonlinear it is about the anchor z:
 
     c_kappa(a) = sin z + (sin(z + kappa (a - z)) - sin z) / kappa
-               = sin z + (a - z) sinc(kappa (a - z) / 2) cos(z + kappa (a - z) / 2),    sinc t = sin t / t
+               = sin z + (a - z) sinc(kappa (a - z) / 2) cos(z + kappa (a - z) / 2)
 
-so that value and slope at z, and what they tell there, are the same for all kappa: kappa = 1 is the sine itself,
-kappa = 0 its tangent at z; with z = 0, c_kappa = sin(kappa a) / kappa.
+with sinc t = sin t / t. Value and derivative at z are the same for all kappa, and so is the
+information that they give there. kappa = 1 is the sine itself, kappa = 0 its tangent at z; with
+z = 0, c_kappa = sin(kappa a) / kappa.
 """
 
 import jax.numpy as jnp
@@ -21,7 +23,10 @@ from ..structs import number, struct
 
 @struct
 class Pendulum:
-    """A damped pendulum with a torque; its obstacles are stops, angles (n, 1) with a half width."""
+    """Represents a damped pendulum with a torque.
+
+    Its position is the angle; obstacles of a problem are stops, angles (n, 1) with a half width.
+    """
 
     gravity: float = number(ge=0)  # g, over the length, 1/s^2
     damping: float = number(ge=0)  # d, 1/s
@@ -41,9 +46,10 @@ class Pendulum:
         return jnp.array([[0.0], [1.0]])
 
     def c(self, x: Array) -> Array:
-        off = x[:1] - self.anchor
-        half = self.curvature * off / 2
-        return jnp.sin(self.anchor) + off * jnp.sinc(half / jnp.pi) * jnp.cos(self.anchor + half)
+        z = self.anchor
+        offset = x[:1] - z
+        half = self.curvature * offset / 2
+        return jnp.sin(z) + offset * jnp.sinc(half / jnp.pi) * jnp.cos(z + half)
 
     def sigma_o(self, x: Array) -> Array:
         return jnp.reshape(jnp.asarray(self.sensor_noise, dtype=float), (1, 1))

@@ -1,7 +1,10 @@
-"""A point robot in the plane whose velocity is controlled and whose position is measured best in the light: the
-light-dark domain of Platt, Tedrake, Kaelbling and Lozano-Perez (RSS 2010).
+"""A point robot in the plane whose velocity is controlled and whose position is measured.
 
-    p' = u + sigma_w w',  y = p + sigma_o(p_x) v,  sigma_o(p_x)^2 = curvature (p_x - light)^2 + floor
+This is the light-dark domain of Platt, Tedrake, Kaelbling and Lozano-Perez (RSS 2010): measurements
+are best in the light.
+
+    p' = u + sigma_w w'
+    y  = p + sigma_o(p_x) v,    sigma_o(p_x)^2 = curvature (p_x - light)^2 + floor
 
 State [p_x, p_y] in m, control a velocity in m/s, measurement in m.
 """
@@ -14,11 +17,14 @@ from ..structs import number, struct
 
 @struct
 class PointRobot:
-    """A planar single integrator; the variance of its measurements is quadratic in the distance to the light."""
+    """Represents a planar single integrator.
+
+    The variance of its measurements is quadratic in the distance to the light.
+    """
 
     process_noise: float = number(ge=0)  # sigma_w, m/s^0.5
     light: float = number()  # m
-    noise_curvature: float = number(ge=0)
+    noise_curvature: float = number(ge=0)  # m^2/m^2
     noise_floor: float = number(gt=0)  # m^2
 
     @property
@@ -35,6 +41,5 @@ class PointRobot:
         return x
 
     def sigma_o(self, x: Array) -> Array:
-        return jnp.sqrt(
-            self.noise_curvature * (x[0] - self.light) ** 2 + self.noise_floor
-        ) * jnp.eye(2)
+        variance = self.noise_curvature * (x[0] - self.light) ** 2 + self.noise_floor
+        return jnp.sqrt(variance) * jnp.eye(2)

@@ -11,7 +11,7 @@ from ..structs import number, struct
 
 @struct
 class ScalarLinear:
-    """One state, one control, one measurement, no obstacles."""
+    """Represents a linear system with one state, one control and one measurement."""
 
     drift: float = number()  # a
     control_gain: float = number()  # b

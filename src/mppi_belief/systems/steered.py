@@ -1,8 +1,9 @@
-"""A linear system whose sensor can be turned, so that matching (15) holds in any dimension (arXiv 2604.18941).
+"""A linear system whose sensor can be turned, so that matching (15) holds in any dimension.
 
-    dx = (A x + B u) dt + H dw,      dy = C(Sigma) x dt + sigma_o dnu,      C(Sigma) of `mppi_belief.matching.sensor`
+    dx = (A x + B u) dt + H dw,      dy = C(Sigma) x dt + sigma_o dnu
 
-With `selector: matched` C follows the covariance of the belief; with `fixed` it is the matrix given.
+with C(Sigma) of `mppi_belief.matching.sensor`, after arXiv 2604.18941. With `selector: matched` C
+follows the covariance of the belief; with `fixed` it is the matrix given.
 """
 
 from dataclasses import replace

@@ -57,7 +57,7 @@ def _make_group(config: dict[str, Any], group: str, parts: dict[str, Any] | None
 
 
 def _make(node: Any, path: str, parts: dict[str, Any] | None = None) -> Any:
-    """Make an object of every mapping with a `_target_`, from the inside out; the rest stays as it is."""
+    """Make an object of every mapping with a `_target_`, from the inside out."""
     if isinstance(node, list):
         return [_make(item, path) for item in node]
     if not isinstance(node, dict):
@@ -83,7 +83,7 @@ def _make(node: Any, path: str, parts: dict[str, Any] | None = None) -> Any:
 
 @functools.cache
 def _check_trial(structure: Any, shapes: tuple[tuple[int, ...], ...], precision: str) -> None:
-    """Trace a trial of this structure in the current precision; a sweep over numbers needs it once."""
+    """Trace a trial of this structure, in the current precision and once for all numbers."""
     parts = jax.tree.unflatten(structure, [jax.ShapeDtypeStruct(shape, float) for shape in shapes])
     try:
         jax.eval_shape(simulate_trial, *parts, 0, 0)

@@ -17,7 +17,7 @@ BACKEND_LOGGER = "jax._src.xla_bridge"  # logs why a plugin of JAX cannot be loa
 def device(config: dict[str, Any]) -> str:
     """Return what JAX calls the device that this process computes on.
 
-    Raises `ConfigError` if there is none of the configuration's platform, or JAX has chosen another.
+    Raises `ConfigError` if there is none of the configuration's platform or JAX chose another.
     """
     compute_in_calling_thread()
     platform = config["platform"]

@@ -77,8 +77,8 @@ def check_numbers(parts: Any, precision: str) -> None:
 def check_problem(problem: Problem, precision: str) -> None:
     """Raise `ConfigError` for a member of the system, the cost or the obstacles that does not fit.
 
-    It is missing, fails, or returns another shape or type, or a value that is not finite; sigma_o is
-    singular, or R is not positive definite.
+    A member does not fit if it is missing, fails, or returns another shape or type or a value that
+    is not finite. Nor does a singular sigma_o, or an R that is not positive definite.
     """
     for name in _names(problem):
         _check_member(problem, name)
@@ -143,7 +143,7 @@ def _check_position(problem: Problem) -> None:
 
 @functools.cache
 def _check_functions(structure: Any, shapes: tuple[Shape, ...], precision: str) -> None:
-    """Raise `ConfigError` for a shape or type that does not fit; traced in the current precision."""
+    """Raise `ConfigError` for a shape or type that does not fit, in the current precision."""
     leaves = [jax.ShapeDtypeStruct(shape, float) for shape in shapes]
     problem: Problem = jax.tree.unflatten(structure, leaves)
     sizes: dict[str, int] = {}
@@ -208,7 +208,7 @@ def _hint(problem: Problem, name: str) -> str:
 # Compiled without optimisation, since it runs once for each cell.
 @functools.partial(jax.jit, compiler_options={"xla_backend_optimization_level": 0})
 def _values(problem: Problem, states: Array) -> dict[str, Array]:
-    """Return what every member gives at states (P, nx), each with one more axis (P, ...) in front."""
+    """Return what every member gives at states (P, nx), with one more axis (P, ...) in front."""
 
     def at_state(x: Array) -> dict[str, Any]:
         values = {name: _value(name, problem, x) for name in _names(problem)}
@@ -268,7 +268,7 @@ def _check_control_weight(R: np.ndarray) -> None:
 
 
 def _refuse(name: str, what: str, fine: np.ndarray, states: np.ndarray, value: np.ndarray) -> None:
-    """Raise `ConfigError` for the first of the states (P, nx) where `fine` (P, ...) is not all true."""
+    """Raise `ConfigError` for the first state (P, nx) where `fine` (P, ...) is not all true."""
     bad = np.flatnonzero(~np.all(fine.reshape(len(states), -1), axis=1))
     if len(bad):
         state = np.round(states[bad[0]].astype(float), 4).tolist()
