@@ -79,8 +79,8 @@ def failed_row(config: dict[str, Any], trial: int, status: str, error: str) -> d
         "nees",
         "nis",
     )
-    nothing = dict.fromkeys(names, float("nan"))
-    return row(trial) | nothing | {"collided": None, "steps": 0, "status": status, "error": error}
+    missing = dict.fromkeys(names, float("nan"))
+    return row(trial) | missing | {"collided": None, "steps": 0, "status": status, "error": error}
 
 
 def answer(config: dict[str, Any], trials: Sequence[int]) -> list[tuple[int, int]]:
@@ -119,7 +119,7 @@ class AgedWorkers(LocalWorkers):
 
 
 def is_stopped(pid: int) -> bool:
-    """Whether a process stands still after SIGSTOP."""
+    """Returns whether a process stands still after SIGSTOP."""
     try:
         return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] == "T"
     except OSError:
@@ -147,7 +147,7 @@ def leave_marks(config: dict[str, Any], trials: Sequence[int]) -> list[int]:
 def path_and_environment(
     config: dict[str, Any], trials: Sequence[int]
 ) -> tuple[list[str], dict[str, str], int]:
-    """What a worker has been given."""
+    """Returns what a worker has been given."""
     return sys.path, dict(os.environ), os.getpid()
 
 
@@ -171,7 +171,7 @@ def record(config: dict[str, Any]) -> dict[str, Any]:
 
 
 def device(config: dict[str, Any]) -> str:
-    """Where it is asked for."""
+    """Returns the name of the device and of the process that was asked."""
     answer(config, [-1])
     return f"{os.environ.get('DEVICE', 'none')} {os.getpid()}"
 
@@ -190,18 +190,18 @@ def hanging_pool(folder: str) -> None:
 
 
 def poll(condition: Callable[[], Any], seconds: float = 60) -> Any:
-    """What `condition` returns once it is true; fails when it never is."""
+    """Returns what `condition` returns once that is true; fails when it never is."""
     deadline = time.monotonic() + seconds
     while time.monotonic() < deadline:
-        found = condition()
-        if found:
-            return found
+        answer_of_condition = condition()
+        if answer_of_condition:
+            return answer_of_condition
         time.sleep(0.02)
     raise AssertionError(f"waited {seconds} s in vain")
 
 
 def is_alive(pid: int) -> bool:
-    """Whether a process runs; one that only waits to be reaped does not."""
+    """Returns whether a process runs; one that only waits to be reaped does not."""
     try:
         return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
     except OSError:
@@ -235,7 +235,7 @@ def limited(seconds: float = 100) -> Iterator[None]:
 
 def members(group: int) -> list[int]:
     """The processes of a process group that still run."""
-    found = []
+    answer_of_condition = []
     for entry in Path("/proc").iterdir():
         if entry.name.isdigit():
             try:
@@ -243,8 +243,8 @@ def members(group: int) -> list[int]:
             except OSError:
                 continue
             if int(of) == group and state != "Z":
-                found.append(int(entry.name))
-    return found
+                answer_of_condition.append(int(entry.name))
+    return answer_of_condition
 
 
 def workers_of(pid: int) -> list[int]:

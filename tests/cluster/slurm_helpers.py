@@ -55,11 +55,11 @@ def parts(folder: Path) -> list[Path]:
 
 def jobs(*states: str) -> list[str]:
     """The jobs that are in one of the states, or in any but completing."""
-    said = subprocess.run(
+    answer = subprocess.run(
         ["squeue", "-h", "-o", "%A %t"], capture_output=True, text=True, timeout=30, check=True
     )
-    found = [line.split() for line in said.stdout.splitlines()]
-    return [job for job, state in found if state in states or (not states and state != "CG")]
+    fields = [line.split() for line in answer.stdout.splitlines()]
+    return [job for job, state in fields if state in states or (not states and state != "CG")]
 
 
 def no_jobs(seconds: float = 10) -> float:

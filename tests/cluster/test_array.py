@@ -47,14 +47,14 @@ def test_parts_of_a_job_array_merge_by_lying_in_one_folder(array):
         no_jobs(120)
         submit(array)
         no_jobs(200)
-        found = rows(array)
-        assert found["trial"].tolist() == [*range(TRIALS)]
+        rows_of_shards = rows(array)
+        assert rows_of_shards["trial"].tolist() == [*range(TRIALS)]
         ended = run(array, n_trials=TRIALS)
-        assert (ended.code, rows(array).equals(found)) == (0, True), ended.err
+        assert (ended.code, rows(array).equals(rows_of_shards)) == (0, True), ended.err
         here = array / "here"
         here.mkdir()
         run(here, n_trials=TRIALS)
-        assert results.result_hash(rows(here)) == results.result_hash(found)
+        assert results.result_hash(rows(here)) == results.result_hash(rows_of_shards)
     assert [
         path.read_text() for path in array.glob("*.err") if "Traceback" in path.read_text()
     ] == []

@@ -41,12 +41,12 @@ def begun(folder: Path, *args: str):
     return started(folder, *STUDY, f"n_trials={TRIALS}", "results_dir=results", *SLURM, *args)
 
 
-def said(folder: Path) -> list[str]:
+def logged_lines(folder: Path) -> list[str]:
     return (folder / "stderr.txt").read_text().splitlines()
 
 
-def same(one: Path, other: Path) -> bool:
-    return results.result_hash(rows(one)) == results.result_hash(rows(other))
+def same(first_folder: Path, second_folder: Path) -> bool:
+    return results.result_hash(rows(first_folder)) == results.result_hash(rows(second_folder))
 
 
 def test_jobs_of_slurm_compute_the_same(tmp_path, undisturbed):
@@ -63,7 +63,7 @@ def test_a_job_that_is_cancelled_is_replaced(tmp_path, undisturbed):
         subprocess.run(["scancel", first[0]], check=True, timeout=30)
         poll(lambda: [job for job in jobs("R") if job not in first], 60)
         assert process.wait(200) == 0
-    (line,) = said(tmp_path)
+    (line,) = logged_lines(tmp_path)
     assert re.search(r"trials? \d+.*died; running", line)
     assert same(tmp_path, undisturbed)
     no_jobs()
@@ -74,7 +74,7 @@ def test_jobs_whose_time_is_over_are_replaced(tmp_path, undisturbed):
     with begun(tmp_path, "executor.walltime=00:01:00", "controller.nap=0.27") as process:
         first = poll(lambda: len(jobs("R")) == 2 and jobs("R"), 60)
         assert process.wait(280) == 0
-    lines = said(tmp_path)
+    lines = logged_lines(tmp_path)
     assert lines
     assert all("died; running" in line for line in lines), lines
     assert {*rows(tmp_path)["status"]} == {"ok"}
@@ -89,7 +89,7 @@ def test_a_signal_ends_the_jobs_and_the_same_command_goes_on(number, tmp_path, u
         process.send_signal(number)
         assert process.wait(60) == STOPPED[number]
         no_jobs(1)
-    assert [line for line in said(tmp_path) if not line.startswith("stop")] == []
+    assert [line for line in logged_lines(tmp_path) if not line.startswith("stop")] == []
     assert 0 < len(rows(tmp_path)) < TRIALS
     assert run(tmp_path, *SLURM).code == 0
     assert same(tmp_path, undisturbed)
@@ -112,11 +112,14 @@ def test_an_unlucky_trial_is_given_up_and_no_other(fate, status, tmp_path, undis
     ended = run(tmp_path, *SLURM, f"controller.fate={fate}", "trial_timeout=15")
     assert ended.code == 3
     assert "Traceback" not in ended.err
-    found = rows(tmp_path)
-    assert found[found["status"] != "ok"][["trial", "status"]].to_numpy().tolist() == [[3, status]]
+    rows_found = rows(tmp_path)
+    assert rows_found[rows_found["status"] != "ok"][["trial", "status"]].to_numpy().tolist() == [
+        [3, status]
+    ]
     others = rows(undisturbed)
     assert (
-        found[found["trial"] != 3]["cost"].tolist() == others[others["trial"] != 3]["cost"].tolist()
+        rows_found[rows_found["trial"] != 3]["cost"].tolist()
+        == others[others["trial"] != 3]["cost"].tolist()
     )
     no_jobs()
 
@@ -155,4 +158,4 @@ def test_a_signal_ends_the_waiting_for_jobs(tmp_path):
         process.send_signal(signal.SIGINT)
         assert process.wait(5) == 130
         no_jobs(1)
-    assert [line for line in said(tmp_path) if not line.startswith("stop")] == []
+    assert [line for line in logged_lines(tmp_path) if not line.startswith("stop")] == []

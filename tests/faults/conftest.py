@@ -17,12 +17,12 @@ def in_time(request) -> object:
 def undisturbed(tmp_path_factory) -> Undisturbed:
     """The study in one run of two workers."""
     run = Run(tmp_path_factory.mktemp("undisturbed"))
-    said = run.again()
-    assert said.code == 0, said.err
-    return Undisturbed(run.root, run.hashes(), said.out)
+    ended = run.again()
+    assert ended.code == 0, ended.err
+    return Undisturbed(run.root, run.hashes(), ended.out)
 
 
 @pytest.fixture(scope="session")
 def seconds(undisturbed, tmp_path_factory) -> float:
-    """How long the study takes when all programs are compiled."""
+    """Measures how long the study takes when all programs are compiled."""
     return Run(tmp_path_factory.mktemp("measured")).again().seconds

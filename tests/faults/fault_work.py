@@ -37,14 +37,14 @@ def send_bulky_results(folder: str) -> None:
     chunks = [Chunk(Cell(config(folder=folder)), (trial,)) for trial in range(3)]
     done = [*pool.run(chunks)]
     pool.close()
-    print(sum(len(one.outcome) for one in done), "results")
+    print(sum(len(first.outcome) for first in done), "results")
 
 
 class Unpicklable(Exception):
     """It pickles, but cannot be made again from its one argument."""
 
-    def __init__(self, one: str, two: str) -> None:
-        super().__init__(f"{one} {two}")
+    def __init__(self, first: str, second: str) -> None:
+        super().__init__(f"{first} {second}")
 
 
 def unpicklable(config: dict[str, Any], trials: Sequence[int]) -> list[int]:

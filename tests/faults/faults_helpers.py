@@ -49,7 +49,8 @@ class Run:
     """`mppi-belief run` of one study in one folder."""
 
     def __init__(self, folder: Path, *study: str) -> None:
-        self.folder, self.study = folder, study or STUDY
+        self.folder = folder
+        self.study = study or STUDY
         self.root = folder / "outputs" / "results"
         self._gates = itertools.count(1)
 
@@ -85,7 +86,7 @@ class Run:
 
     @property
     def err(self) -> str:
-        """What the command in the background said last."""
+        """Returns what the command in the background wrote to stderr."""
         return (self.folder / "stderr.txt").read_text()
 
     def parts(self) -> set[Path]:
@@ -115,7 +116,7 @@ class Run:
 
 
 def begins(process: subprocess.Popen[str]) -> bool:
-    """Whether a command's own code runs, and no longer Python's: from then on signals wait for an
+    """Returns whether a command's own code runs, and no longer Python's: from then on signals wait for an
     answer.
     """
     if process.poll() is not None:

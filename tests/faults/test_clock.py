@@ -30,8 +30,8 @@ def test_a_clock_that_jumps_back_changes_nothing(tmp_path, undisturbed):
     (tmp_path / "sitecustomize.py").write_text(BACKWARDS)
     path = os.pathsep.join([str(tmp_path), *filter(None, [os.environ.get("PYTHONPATH")])])
     run = Run(tmp_path)
-    said = run.again("trial_timeout=60", env=os.environ | {"PYTHONPATH": path})
-    assert (said.code, said.err) == (0, ""), said.err
+    ended = run.again("trial_timeout=60", env=os.environ | {"PYTHONPATH": path})
+    assert (ended.code, ended.err) == (0, ""), ended.err
     assert run.hashes() == undisturbed.hashes
     for file in run.parts():
         (source,) = results.read_table(file)[0]["sources"]

@@ -48,8 +48,8 @@ def test_signals_and_the_same_command_again(numbers, tmp_path, undisturbed):
         send(run, process, *numbers)
         gate.open()
         code = process.wait(60)
-        left = gone_after(process.pid)
-    assert (code, left) == (STOPPED[numbers[0]], []), run.err
+        survivors = gone_after(process.pid)
+    assert (code, survivors) == (STOPPED[numbers[0]], []), run.err
     assert "Traceback" not in run.err
     assert run.left_over() == []
     assert run.again(*DASK).code == 0
@@ -58,8 +58,8 @@ def test_signals_and_the_same_command_again(numbers, tmp_path, undisturbed):
 
 def test_trials_that_hang_or_kill_their_worker_have_their_status(tmp_path):
     run = Run(tmp_path, *study("kills", "hangs"))
-    said = run.again(*DASK)
-    assert said.code == 3, said.err
+    ended = run.again(*DASK)
+    assert ended.code == 3, ended.err
     for fate, rows in by_fate(run).items():
         assert rows["status"].tolist() == [
             STATUS[fate] if trial == UNLUCKY else "ok" for trial in range(N_TRIALS)

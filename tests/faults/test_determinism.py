@@ -23,8 +23,8 @@ SHARDS = 3
 def test_whoever_computes_and_however_many(more, tmp_path, undisturbed):
     """The number of workers changes the chunks, too."""
     run = Run(tmp_path)
-    said = run.again(*more)
-    assert (said.code, said.err) == (0, ""), said.err
+    ended = run.again(*more)
+    assert (ended.code, ended.err) == (0, ""), ended.err
     assert run.hashes() == undisturbed.hashes
 
 
@@ -47,27 +47,27 @@ def test_trials_that_are_lost_anywhere_are_the_same_the_second_time(tmp_path, un
     for path in sorted(run.parts())[::2]:
         path.unlink()
     lost = 4 * N_TRIALS - len(run.done())
-    said = run.again()
+    ended = run.again()
     assert lost > 0
-    assert f"{lost} trials run, {4 * N_TRIALS - lost} already done" in said.out
+    assert f"{lost} trials run, {4 * N_TRIALS - lost} already done" in ended.out
     assert run.hashes() == undisturbed.hashes
 
 
 @pytest.mark.long
 def test_the_parts_of_a_study_make_the_whole_wherever_they_were_computed(tmp_path, undisturbed):
     """Each in a folder of its own, then put together as files."""
-    whole = Run(tmp_path)
-    seen: set[tuple[str, int]] = set()
+    merged = Run(tmp_path)
+    trials_of_shards: set[tuple[str, int]] = set()
     for part in range(1, SHARDS + 1):
         folder = tmp_path / str(part)
         folder.mkdir()
         run = Run(folder)
         assert run.again(f"shard={part}/{SHARDS}").code == 0
         assert run.done()
-        assert not seen & run.done()
-        seen |= run.done()
+        assert not trials_of_shards & run.done()
+        trials_of_shards |= run.done()
         for path in run.parts():
-            there = whole.root / path.parent.name / path.name
+            there = merged.root / path.parent.name / path.name
             there.parent.mkdir(parents=True, exist_ok=True)
             there.write_bytes(path.read_bytes())
-    assert whole.hashes() == undisturbed.hashes
+    assert merged.hashes() == undisturbed.hashes

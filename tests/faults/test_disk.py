@@ -15,20 +15,21 @@ import pytest
 from cli_helpers import started
 from faults_helpers import N_TRIALS, Ended, Run, gone_after, when
 
-PR_CAPBSET_DROP, CAP_DAC_OVERRIDE = 24, 1
+PR_CAPBSET_DROP = 24  # linux/prctl.h
+CAP_DAC_OVERRIDE = 1  # linux/capability.h
 
 
-def refused(said: Ended, run: Run, where: str = "results") -> None:
+def refused(ended: Ended, run: Run, where: str = "results") -> None:
     """It says in one line that it cannot write, and leaves no half file."""
-    assert said.code == 74, said.err
-    assert "Traceback" not in said.err
-    assert said.err.splitlines()[-1].startswith("mppi-belief: cannot write results: ")
+    assert ended.code == 74, ended.err
+    assert "Traceback" not in ended.err
+    assert ended.err.splitlines()[-1].startswith("mppi-belief: cannot write results: ")
     assert run.left_over() == []
 
 
 def completes(run: Run, hashes: dict[str, str]) -> None:
-    said = run.again()
-    assert said.code == 0, said.err
+    ended = run.again()
+    assert ended.code == 0, ended.err
     assert run.hashes() == hashes
 
 
@@ -84,8 +85,8 @@ def test_a_small_disk_that_is_full_and_then_larger(tmp_path, undisturbed):
     run = Run(tmp_path)
     with mounted(run.root, "300k") as mount_anew:
         refused(run.again() if mount_anew else run.again(preexec_fn=small_files), run)
-        found = run.done()
-        assert len(found) < 4 * N_TRIALS
+        trials_before = run.done()
+        assert len(trials_before) < 4 * N_TRIALS
         if mount_anew:
             mount_anew("size=100m")
         completes(run, undisturbed.hashes)
@@ -121,11 +122,11 @@ def test_a_folder_without_permission_is_told_before_any_trial(tmp_path):
     run = Run(tmp_path)
     run.root.mkdir(parents=True)
     run.root.chmod(0o555)
-    said = run.again(preexec_fn=obey_permissions)
+    ended = run.again(preexec_fn=obey_permissions)
     run.root.chmod(0o755)
-    refused(said, run)
-    assert "Permission denied" in said.err
-    assert "trial" not in said.err
+    refused(ended, run)
+    assert "Permission denied" in ended.err
+    assert "trial" not in ended.err
     assert list(run.root.iterdir()) == []
 
 

@@ -37,14 +37,14 @@ def test_truncated_empty_and_foreign_files_cost_their_own_trials_only(run, undis
         cell / "part-000001-000003-foreign.parquet",
     )
     (cell / "part-000000-000009-text.parquet").write_text("not parquet at all\n")
-    said = run.again()
-    assert said.code == 0, said.err
-    assert f"{lost} trials run, {4 * N_TRIALS - lost} already done" in said.out
+    ended = run.again()
+    assert ended.code == 0, ended.err
+    assert f"{lost} trials run, {4 * N_TRIALS - lost} already done" in ended.out
     for name in (truncated.name, "empty", "foreign", "text"):
-        (line,) = {line for line in said.err.splitlines() if name in line}
+        (line,) = {line for line in ended.err.splitlines() if name in line}
         assert line.startswith(f"{cell.relative_to(run.folder)}/part-")
         assert "not a results file of this cell, left out" in line
-    assert "Traceback" not in said.err
+    assert "Traceback" not in ended.err
     hashes = {cell.name: results.result_hash(read_rows(cell)) for cell in run.root.iterdir()}
     assert hashes == undisturbed.hashes
 
@@ -57,10 +57,10 @@ def test_files_of_another_format_are_named_and_left_out(run, undisturbed):
         metadata, table = results.read_table(path)
         refused += len(table)
         restate(path, table, {**metadata, "format": results.FORMAT_VERSION + 1})
-    said = run.again()
-    assert said.code == 0, said.err
-    assert f"{refused} trials run, {4 * N_TRIALS - refused} already done" in said.out
-    assert f"its format is {results.FORMAT_VERSION + 1}, must be" in said.err
+    ended = run.again()
+    assert ended.code == 0, ended.err
+    assert f"{refused} trials run, {4 * N_TRIALS - refused} already done" in ended.out
+    assert f"its format is {results.FORMAT_VERSION + 1}, must be" in ended.err
     hashes = {cell.name: results.result_hash(read_rows(cell)) for cell in run.root.iterdir()}
     assert hashes == undisturbed.hashes
 

@@ -25,7 +25,7 @@ def on_a_terminal(
     """Exit code, and what a terminal of 100 columns gets on stderr."""
     ours, theirs = pty.openpty()
     termios.tcsetwinsize(theirs, (40, 100))
-    said = bytearray()
+    output = bytearray()
     gate = run.gate(90 if numbers or kill_a_worker else EVERYTHING)
     with subprocess.Popen(
         [COMMAND, "run", *run.study],
@@ -42,7 +42,7 @@ def on_a_terminal(
             def read() -> bool:
                 try:
                     os.set_blocking(ours, False)
-                    said.extend(os.read(ours, 1 << 16))
+                    output.extend(os.read(ours, 1 << 16))
                 except BlockingIOError:
                     pass
                 except OSError:  # the other end is closed
@@ -55,38 +55,38 @@ def on_a_terminal(
             poll(lambda: read() or len(run.parts()) > 2)
             for number in numbers:
                 process.send_signal(number)
-                poll(lambda: read() or b"stopping" in said)
+                poll(lambda: read() or b"stopping" in output)
             gate.open()
             poll(read, 300)
             code = process.wait(60)
         finally:
             process.kill()
             os.close(ours)
-    return code, said.decode()
+    return code, output.decode()
 
 
 @pytest.mark.long
 def test_events_stand_on_lines_of_their_own_above_the_bar(tmp_path):
     """A worker that dies, a Ctrl-C, then a resume."""
     run = Run(tmp_path)
-    code, said = on_a_terminal(run, signal.SIGINT, kill_a_worker=True)
+    code, output = on_a_terminal(run, signal.SIGINT, kill_a_worker=True)
     assert code == 130
-    lines = shown(said)
+    lines = shown(output)
     events = [line for line in lines if line and not BAR.match(line)]
     assert any("worker died; running" in line for line in events), lines
     assert "stopping: finishing the trials that run; once more to stop at once" in events
     assert all("%|" not in line for line in events), events
     assert [line for line in lines if BAR.match(line)], lines
-    code, said = on_a_terminal(run)
-    events = [line for line in shown(said) if line and not BAR.match(line)]
+    code, output = on_a_terminal(run)
+    events = [line for line in shown(output) if line and not BAR.match(line)]
     assert code == 0
     (going_on,) = events
-    assert re.fullmatch(r"going on: \d+ trials found done, \d+ to run", going_on)
+    assert re.fullmatch(r"going on: \d+ trials already done, \d+ to run", going_on)
 
 
-def shown(said: str) -> list[str]:
+def shown(output: str) -> list[str]:
     """The lines that are on a terminal in the end: a carriage return begins a line again."""
-    return [line.rstrip("\r").rpartition("\r")[2].rstrip() for line in said.split("\n")]
+    return [line.rstrip("\r").rpartition("\r")[2].rstrip() for line in output.split("\n")]
 
 
 @pytest.mark.long

@@ -25,11 +25,11 @@ def test_no_worker_outlives_its_parent_and_the_same_command_goes_on(tmp_path, un
         process.kill()
         process.wait(10)
         assert gone_after(process.pid) == []
-    found = len(run.done())
-    assert 0 < found < 4 * N_TRIALS
-    said = run.again()
-    assert (said.code, said.err) == (0, "")
-    assert f"{4 * N_TRIALS - found} trials run, {found} already done" in said.out
+    n_done = len(run.done())
+    assert 0 < n_done < 4 * N_TRIALS
+    ended = run.again()
+    assert (ended.code, ended.err) == (0, "")
+    assert f"{4 * N_TRIALS - n_done} trials run, {n_done} already done" in ended.out
     assert run.hashes() == undisturbed.hashes
 
 
@@ -37,11 +37,11 @@ def test_no_worker_outlives_its_parent_and_the_same_command_goes_on(tmp_path, un
 def test_killed_ten_times_at_random_instants(tmp_path, undisturbed, seconds):
     """Workers that have just been started notice as well; a file is whole or not there."""
     run = Run(tmp_path)
-    for at in range(10):
+    for seed in range(10):
         before = run.done()
         with run.begun() as process:
             poll(lambda process=process: begins(process), 30)
-            time.sleep(random.Random(at).uniform(0, seconds))
+            time.sleep(random.Random(seed).uniform(0, seconds))
             process.kill()
             assert process.wait(10) in (0, -signal.SIGKILL)
             assert gone_after(process.pid) == []

@@ -35,8 +35,8 @@ def interrupt(run: Run, after: float, *numbers: signal.Signals, group: bool = Tr
                 time.sleep(0.3)
         gate.open()
         code = process.wait(120)
-        left = gone_after(process.pid)
-    assert left == []
+        survivors = gone_after(process.pid)
+    assert survivors == []
     assert "Traceback" not in run.err, run.err
     assert code in {STOPPED[number] for number in numbers}, run.err
     assert "the same command goes on from here" in run.err
@@ -47,21 +47,21 @@ def interrupt(run: Run, after: float, *numbers: signal.Signals, group: bool = Tr
 
 def instants(seed: int, longest: float, count: int) -> list[float]:
     """Moments of a run, its start-up included."""
-    return [random.Random(f"{seed} {at}").uniform(0, longest) for at in range(count)]
+    return [random.Random(f"{seed} {index}").uniform(0, longest) for index in range(count)]
 
 
 @pytest.mark.long
 def test_twenty_interruptions_in_a_row(tmp_path, undisturbed, seconds):
     """There is more to do than gets done by then."""
     run = Run(tmp_path, *STUDY[:-1], f"n_trials={10 * N_TRIALS}")
-    for at, after in enumerate(instants(1, 0.5 * seconds, 20)):
+    for index, after in enumerate(instants(1, 0.5 * seconds, 20)):
         kinds = [
             (signal.SIGINT,),
             (signal.SIGTERM,),
             (signal.SIGINT, signal.SIGINT),
             (signal.SIGTERM, signal.SIGINT),
         ]
-        interrupt(run, after, *kinds[at % 4], group=at % 8 != 1)
+        interrupt(run, after, *kinds[index % 4], group=index % 8 != 1)
     assert run.again().code == 0
     assert len(run.done()) == 4 * 10 * N_TRIALS
     first = {cell: result_hash(rows[rows["trial"] < N_TRIALS]) for cell, rows in run.rows().items()}
@@ -101,15 +101,15 @@ def test_signals_while_it_computes_and_the_same_command_again(
         send(run, process, *numbers, group=group)
         gate.open()
         code = process.wait(60)
-        left = gone_after(process.pid)
-    assert (code, left) == (STOPPED[numbers[0]], [])
+        survivors = gone_after(process.pid)
+    assert (code, survivors) == (STOPPED[numbers[0]], [])
     assert "Traceback" not in run.err
     assert "the same command goes on from here" in run.err
-    found = len(run.done())
-    assert 0 < found < 4 * N_TRIALS
-    said = run.again()
-    assert said.code == 0
-    assert f"{4 * N_TRIALS - found} trials run, {found} already done" in said.out
+    n_done = len(run.done())
+    assert 0 < n_done < 4 * N_TRIALS
+    ended = run.again()
+    assert ended.code == 0
+    assert f"{4 * N_TRIALS - n_done} trials run, {n_done} already done" in ended.out
     assert run.hashes() == undisturbed.hashes
 
 

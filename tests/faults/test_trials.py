@@ -21,7 +21,8 @@ from mppi_belief.run.worker import Failure, TimeLimitExceeded, WorkerSetup
 from study_helpers import TESTS, AgedWorkers, answer, config
 
 MINE = str(Path(__file__).parent / "mine")
-N_TRIALS, UNLUCKY = 12, 3
+N_TRIALS = 12
+UNLUCKY = 3  # the trial that suffers its fate
 DIVERGED = ("diverged", "left the finite numbers")
 ENDS = {
     "becomes_nan": DIVERGED,
@@ -43,11 +44,11 @@ def study(*fates: str, n_trials: int = N_TRIALS, seconds: float = 20) -> tuple[s
 
 def by_fate(run: Run) -> dict[str, pd.DataFrame]:
     """The rows of each cell."""
-    found = {}
+    rows_of_fates = {}
     for cell in run.root.iterdir():
         config = read_table(next(cell.glob("part-*")))[0]["sources"][0]["config"]
-        found[config["controller"]["fate"]] = run.rows()[cell.name]
-    return found
+        rows_of_fates[config["controller"]["fate"]] = run.rows()[cell.name]
+    return rows_of_fates
 
 
 @pytest.fixture(scope="module")
@@ -60,9 +61,10 @@ def night(tmp_path_factory) -> tuple[Run, Ended]:
 @pytest.mark.long
 @pytest.mark.parametrize("fate", STATUS)
 def test_one_unlucky_trial_has_its_status_and_all_others_are_the_same_bits(night, fate):
-    run, said = night
-    assert said.code == 3
-    rows, lucky = by_fate(run)[fate], by_fate(run)["nothing"]
+    run, ended = night
+    assert ended.code == 3
+    rows = by_fate(run)[fate]
+    lucky = by_fate(run)["nothing"]
     assert rows["trial"].tolist() == list(range(N_TRIALS))
     bad = rows[rows["status"] != "ok"]
     assert list(zip(bad["trial"], bad["status"], strict=True)) == [(UNLUCKY, STATUS[fate])]
@@ -73,11 +75,11 @@ def test_one_unlucky_trial_has_its_status_and_all_others_are_the_same_bits(night
 
 @pytest.mark.long
 def test_every_kind_is_said_in_a_line_of_its_own(night):
-    _, said = night
+    _, ended = night
     for status, count in {"diverged": 2, "error": 1, "crashed": 1, "timeout": 1}.items():
         lines = [
             line
-            for line in said.err.splitlines()
+            for line in ended.err.splitlines()
             if f": 1 {status}, e.g. trial {UNLUCKY}: " in line
         ]
         assert len(lines) == count
@@ -86,13 +88,14 @@ def test_every_kind_is_said_in_a_line_of_its_own(night):
 
 @pytest.mark.long
 def test_what_has_no_result_is_counted_and_never_averaged_in(night):
-    run, said = night
+    run, ended = night
     for fate, rows in by_fate(run).items():
-        found, good = summarise_trials(rows, None), rows[rows["status"] == "ok"]
-        assert (found.trials, found.failed) == (N_TRIALS, int(fate != "nothing"))
-        assert found.cost.value == pytest.approx(good["cost"].mean(), rel=1e-12)
-        assert math.isfinite(found.cost.value)
-    assert said.out.count(f"{N_TRIALS} (1 failed)") == len(STATUS)
+        summary = summarise_trials(rows, None)
+        good = rows[rows["status"] == "ok"]
+        assert (summary.trials, summary.failed) == (N_TRIALS, int(fate != "nothing"))
+        assert summary.cost.value == pytest.approx(good["cost"].mean(), rel=1e-12)
+        assert math.isfinite(summary.cost.value)
+    assert ended.out.count(f"{N_TRIALS} (1 failed)") == len(STATUS)
 
 
 @pytest.mark.long
@@ -116,11 +119,11 @@ def test_a_trial_that_holds_all_threads_is_ended_from_outside(tmp_path):
     The control steps that are timed meet it again.
     """
     run = Run(tmp_path, *study("holds", n_trials=4))
-    said = run.again()
-    assert said.code == 3
+    ended = run.again()
+    assert ended.code == 3
     (rows,) = run.rows().values()
     assert rows["status"].tolist() == ["ok", "ok", "ok", "timeout"]
-    assert "no timing (TimeLimitExceeded: not done after" in said.err
+    assert "no timing (TimeLimitExceeded: not done after" in ended.err
 
 
 def test_a_call_whose_worker_cannot_look_at_the_clock_is_ended_from_outside(tmp_path):
@@ -139,5 +142,9 @@ def test_an_exception_that_cannot_be_unpickled_is_the_trials_own():
     running = pool.Pool(unpicklable, LocalWorkers(1, WorkerSetup([TESTS, HERE], {})), log.append)
     done = [*running.run([Chunk(Cell(config()), (0, 1, 2))])]
     running.close()
-    assert [one.outcome for one in done] == [[0], Failure("error", "Unpicklable: two words"), [2]]
+    assert [batch.outcome for batch in done] == [
+        [0],
+        Failure("error", "Unpicklable: two words"),
+        [2],
+    ]
     assert log == []

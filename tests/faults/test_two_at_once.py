@@ -42,10 +42,10 @@ def test_one_of_two_is_killed_and_the_other_ends_right(tmp_path, undisturbed):
     victims_gate = run.gate(20)
     with (
         run.begun("workers=1", gate=victims_gate) as victim,
-        run.begun("workers=1") as other,
+        run.begun("workers=1") as survivor,
     ):
         when(run.parts, victim)
         victim.send_signal(signal.SIGKILL)
-        assert other.wait(300) == 0
+        assert survivor.wait(300) == 0
         assert gone_after(victim.pid) == []
     assert run.hashes() == undisturbed.hashes

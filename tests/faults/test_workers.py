@@ -101,7 +101,7 @@ def test_a_worker_killed_while_its_result_is_on_its_way_costs_nothing(tmp_path):
 
 
 def stands_still(pid: int) -> bool:
-    """Whether a process sleeps, and computes nothing for a while."""
+    """Returns whether a process sleeps, and computes nothing for a while."""
 
     def used() -> list[str]:
         return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[11:13]

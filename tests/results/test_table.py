@@ -63,21 +63,23 @@ def test_swept_settings_are_columns_of_their_own(tmp_path):
 
 
 def test_a_file_says_where_it_comes_from(tmp_path):
-    said = {
+    source = {
         "config": {"seed": 3, "names": {"system": "s"}},
         **provenance(["mppi-belief", "run", "theta=1"]),
     }
-    results.write_rows(tmp_path, [row(0)], said)
+    results.write_rows(tmp_path, [row(0)], source)
     (path,) = tmp_path.iterdir()
     about, table = results.read_table(path)
     assert about["digest"] == results.table_digest(table)
     assert (about["format"], about["cell"]) == (results.FORMAT_VERSION, tmp_path.name)
-    (found,) = about["sources"]
-    assert found == {"trials": [[0, 0]], **said}
-    assert found["command"] == ["mppi-belief", "run", "theta=1"]
-    assert {"python", "jax", "numpy", "mppi-belief"} <= set(found["versions"])
-    assert set(found["threads"]) >= {"NPROC", "OMP_NUM_THREADS", "XLA_FLAGS"}
-    assert {"commit", "dirty", "platform", "processor", "started", "algorithm"} <= set(found)
+    (stored_source,) = about["sources"]
+    assert stored_source == {"trials": [[0, 0]], **source}
+    assert stored_source["command"] == ["mppi-belief", "run", "theta=1"]
+    assert {"python", "jax", "numpy", "mppi-belief"} <= set(stored_source["versions"])
+    assert set(stored_source["threads"]) >= {"NPROC", "OMP_NUM_THREADS", "XLA_FLAGS"}
+    assert {"commit", "dirty", "platform", "processor", "started", "algorithm"} <= set(
+        stored_source
+    )
 
 
 def test_trajectories_come_back_in_order_and_once(tmp_path):
@@ -100,11 +102,13 @@ def test_trajectories_come_back_in_order_and_once(tmp_path):
     results.write_paths(tmp_path, steps(1) + steps(4))
     results.write_paths(tmp_path, steps(0))
     results.write_paths(tmp_path, steps(0) + steps(1))
-    found = read_cell(tmp_path).steps
-    assert list(zip(found["trial"], found["step"], strict=True)) == [
+    steps_read = read_cell(tmp_path).steps
+    assert list(zip(steps_read["trial"], steps_read["step"], strict=True)) == [
         (t, k) for t in (0, 1, 4) for k in range(3)
     ]
-    for expected, (_, got) in zip([*steps(0), *steps(1), *steps(4)], found.iterrows(), strict=True):
+    for expected, (_, got) in zip(
+        [*steps(0), *steps(1), *steps(4)], steps_read.iterrows(), strict=True
+    ):
         assert all(
             bits(got[key]) == bits(expected[key]) for key in ("state", "mean", "cov", "control")
         )
@@ -168,9 +172,9 @@ def test_of_a_trial_found_twice_the_good_row_counts(tmp_path):
 
 
 def test_what_is_no_results_file_is_named_and_left_out(tmp_path):
-    whole = written(tmp_path, row(0), row(1))
+    path = written(tmp_path, row(0), row(1))
     (tmp_path / "part-empty.parquet").touch()
-    (tmp_path / "part-torn.parquet").write_bytes(whole.read_bytes()[:-20])
+    (tmp_path / "part-torn.parquet").write_bytes(path.read_bytes()[:-20])
     (tmp_path / "part-noise.parquet").write_bytes(b"PAR1" + bytes(range(256)) + b"PAR1")
     pq.write_table(
         pa.table({"trial": [7], "note": ["not ours"]}), tmp_path / "part-foreign.parquet"
@@ -186,13 +190,13 @@ def test_what_is_no_results_file_is_named_and_left_out(tmp_path):
 
 @pytest.mark.parametrize("part", range(1, 10))
 def test_a_damaged_byte_changes_nothing_or_is_noticed(part, tmp_path):
-    whole = written(tmp_path, *(row(trial) for trial in range(50)))
+    path = written(tmp_path, *(row(trial) for trial in range(50)))
     before, content = (
         results.result_hash(read_rows(tmp_path)),
-        bytearray(whole.read_bytes()),
+        bytearray(path.read_bytes()),
     )
     content[len(content) * part // 10] ^= 1
-    whole.write_bytes(content)
+    path.write_bytes(content)
     warnings: list[str] = []
     rows = read_rows(tmp_path, warnings.append)
     assert len(warnings) == 1 if rows.empty else results.result_hash(rows) == before
@@ -201,8 +205,8 @@ def test_a_damaged_byte_changes_nothing_or_is_noticed(part, tmp_path):
 def test_changed_values_in_a_whole_file_are_noticed(tmp_path):
     path = written(tmp_path, row(0, cost=1.0), row(1))
     table = pq.read_table(path)
-    at = table.column_names.index("cost")
-    pq.write_table(table.set_column(at, "cost", pa.array([0.5, 4.0])), path)
+    position = table.column_names.index("cost")
+    pq.write_table(table.set_column(position, "cost", pa.array([0.5, 4.0])), path)
     assert pq.read_table(path).schema.metadata
     warnings: list[str] = []
     assert read_rows(tmp_path, warnings.append).empty
@@ -210,15 +214,15 @@ def test_changed_values_in_a_whole_file_are_noticed(tmp_path):
 
 
 def test_a_file_of_another_cell_or_of_another_format_is_named_and_left_out(tmp_path, monkeypatch):
-    mine, other, newer = (tmp_path / name for name in ("mine", "other", "newer"))
-    whole = written(mine, row(0), row(1))
-    other.mkdir()
-    (other / whole.name).write_bytes(whole.read_bytes())
+    mine, foreign, newer = (tmp_path / name for name in ("mine", "other", "newer"))
+    path = written(mine, row(0), row(1))
+    foreign.mkdir()
+    (foreign / path.name).write_bytes(path.read_bytes())
     monkeypatch.setattr(results, "FORMAT_VERSION", results.FORMAT_VERSION + 1)
     written(newer, row(0))
     monkeypatch.undo()
     warnings: list[str] = []
-    assert [len(read_rows(folder, warnings.append)) for folder in (mine, other, newer)] == [
+    assert [len(read_rows(folder, warnings.append)) for folder in (mine, foreign, newer)] == [
         2,
         0,
         0,
@@ -239,18 +243,22 @@ def test_paths_that_are_torn_or_not_ours_are_named_and_left_out(tmp_path):
         for k in range(3)
     ]
     results.write_paths(tmp_path, steps)
-    (whole,) = tmp_path.glob("paths-*")
-    (tmp_path / "paths-torn.parquet").write_bytes(whole.read_bytes()[:-20])
+    (path,) = tmp_path.glob("paths-*")
+    (tmp_path / "paths-torn.parquet").write_bytes(path.read_bytes()[:-20])
     (tmp_path / "paths-empty.parquet").touch()
     pq.write_table(
         pa.table({"trial": [7], "step": [0], "state": [[1.0]]}), tmp_path / "paths-foreign.parquet"
     )
     written(tmp_path, row(0))  # a table of another kind
     contents = read_cell(tmp_path)
-    found = contents.steps
+    steps_read = contents.steps
     warnings = contents.problems
-    assert list(zip(found["trial"], found["step"], strict=True)) == [(2, 0), (2, 1), (2, 2)]
-    assert [*found.columns] == ["trial", "step", "state", "mean", "cov", "control"]
+    assert list(zip(steps_read["trial"], steps_read["step"], strict=True)) == [
+        (2, 0),
+        (2, 1),
+        (2, 2),
+    ]
+    assert [*steps_read.columns] == ["trial", "step", "state", "mean", "cov", "control"]
     assert [
         name
         for name in ("empty", "foreign", "torn")
@@ -262,7 +270,7 @@ def test_paths_that_are_torn_or_not_ours_are_named_and_left_out(tmp_path):
     ]
     assert len(warnings) == 3
     assert all("left out" in line and len(line.splitlines()) == 1 for line in warnings)
-    whole.unlink()
+    path.unlink()
     assert read_cell(tmp_path).steps.empty
 
 
@@ -270,15 +278,15 @@ def test_sources_are_those_of_the_files_that_can_be_read_and_hold_these_trials(t
     assert sources_of(read_cell(tmp_path / "missing"), range(9)) == []
     for trial, commit in ((5, "b"), (0, "a")):
         results.write_rows(tmp_path, [row(trial)], {"commit": commit, "elapsed": 1.5})
-    (whole, _) = sorted(tmp_path.glob("part-*"))
+    (path, _) = sorted(tmp_path.glob("part-*"))
     files.write_json(tmp_path, "timing", {"seconds": []})
-    (tmp_path / "part-torn.parquet").write_bytes(whole.read_bytes()[:-20])
+    (tmp_path / "part-torn.parquet").write_bytes(path.read_bytes()[:-20])
     (tmp_path / "part-empty.parquet").touch()
     pq.write_table(pa.table({"trial": [7]}), tmp_path / "part-foreign.parquet")
-    told = pa.schema([("trial", pa.int64())], metadata={b"mppi-belief": b"{no json"})
-    pq.write_table(pa.table({"trial": [7]}, schema=told), tmp_path / "part-garbled.parquet")
-    other = pa.schema([("trial", pa.int64())], metadata={b"pandas": b"{}"})
-    pq.write_table(pa.table({"trial": [7]}, schema=other), tmp_path / "part-pandas.parquet")
+    described = pa.schema([("trial", pa.int64())], metadata={b"mppi-belief": b"{no json"})
+    pq.write_table(pa.table({"trial": [7]}, schema=described), tmp_path / "part-garbled.parquet")
+    foreign = pa.schema([("trial", pa.int64())], metadata={b"pandas": b"{}"})
+    pq.write_table(pa.table({"trial": [7]}, schema=foreign), tmp_path / "part-pandas.parquet")
     listed = pa.schema([("trial", pa.int64())], metadata={b"mppi-belief": b"[]"})
     pq.write_table(pa.table({"trial": [7]}, schema=listed), tmp_path / "part-listed.parquet")
     first, second = (

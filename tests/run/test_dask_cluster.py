@@ -45,7 +45,10 @@ class Handed:
     """A task that a fake scheduler was given; it ends as it is told."""
 
     def __init__(self, key: str) -> None:
-        self.key, self.ended, self.outcome, self.cancelled = key, [], None, False
+        self.key = key
+        self.ended: list[Any] = []
+        self.outcome: Any = None
+        self.cancelled = False
 
     def add_done_callback(self, callback: Any) -> None:
         self.ended.append(callback)
@@ -71,10 +74,12 @@ class Client:
 
     def __init__(self, workers: int = 2, outcomes: Sequence[Any] = ()) -> None:
         self.outcomes = [*outcomes]
-        self.names = [f"worker-{at}" for at in range(workers)]
+        self.names = [f"worker-{number}" for number in range(workers)]
         self.tasks: list[Handed] = []
         self.begun: list[str] = []
-        self.looks, self.ran, self.gone = 0, [], False
+        self.looks = 0
+        self.ran: list[Any] = []
+        self.gone = False
 
     def scheduler_info(self, n_workers: int) -> dict[str, Any]:
         self.looks += 1
@@ -97,7 +102,7 @@ class Client:
         raise TimeoutError("the loop is gone")
 
 
-def made(client: Client, count: int = 2, **more: Any) -> DaskWorkers:
+def connected(client: Client, count: int = 2, **more: Any) -> DaskWorkers:
     return DaskWorkers(
         lambda: SchedulerConnection(client, more.pop("end", lambda: None), **more), count, NOTHING
     )
@@ -106,7 +111,7 @@ def made(client: Client, count: int = 2, **more: Any) -> DaskWorkers:
 def test_there_is_room_for_one_chunk_a_worker_that_is_there(monkeypatch):
     monkeypatch.setattr(cluster, "POLL_INTERVAL", 1e9)
     client = Client(workers=3)
-    workers = made(client, count=5)
+    workers = connected(client, count=5)
     assert workers.room() == 3
     workers.submit(print)
     workers.submit(print)
@@ -117,8 +122,8 @@ def test_there_is_room_for_one_chunk_a_worker_that_is_there(monkeypatch):
 def test_a_death_makes_it_look_again(monkeypatch):
     monkeypatch.setattr(cluster, "POLL_INTERVAL", 1e9)
     client = Client()
-    seen: list[list[str]] = []
-    workers = made(client, replace_missing=seen.append)
+    names_seen: list[list[str]] = []
+    workers = connected(client, replace_missing=names_seen.append)
     assert workers.room() == 2
     future = workers.submit(print)
     client.names.pop()
@@ -127,16 +132,16 @@ def test_a_death_makes_it_look_again(monkeypatch):
     with pytest.raises(WorkerDied):
         workers.collect(future)
     assert workers.room() == 1
-    assert seen == [["worker-0", "worker-1"], ["worker-0"]]
+    assert names_seen == [["worker-0", "worker-1"], ["worker-0"]]
 
 
 def test_waiting_is_said_once(monkeypatch):
-    said: list[str] = []
-    monkeypatch.setattr(cluster, "log_on_terminal", said.append)
+    lines_logged: list[str] = []
+    monkeypatch.setattr(cluster, "log_on_terminal", lines_logged.append)
     monkeypatch.setattr(cluster, "POLL_INTERVAL", 0.0)
-    workers = made(Client(workers=0), count=7)
+    workers = connected(Client(workers=0), count=7)
     assert [workers.room() for _ in range(3)] == [0, 0, 0]
-    assert said == ["waiting for 7 workers"]
+    assert lines_logged == ["waiting for 7 workers"]
 
 
 @pytest.mark.parametrize(
@@ -156,7 +161,7 @@ def test_waiting_is_said_once(monkeypatch):
 )
 def test_what_went_wrong_is_told_apart(outcome, raised, line):
     client = Client()
-    workers = made(client)
+    workers = connected(client)
     future = workers.submit(print)
     client.tasks[0].end(outcome)
     with pytest.raises(raised, match=line):
@@ -167,12 +172,12 @@ def test_a_scheduler_that_is_gone_ends_the_run():
     client = Client()
     client.gone = True
     with pytest.raises(WorkersGone, match="scheduler is gone"):
-        made(client).room()
+        connected(client).room()
 
 
 def test_the_worker_of_a_trial_that_hangs_is_ended():
     client = Client()
-    workers = made(client)
+    workers = connected(client)
     future = workers.submit(print)
     client.tasks[0].end(("tcp://worker-1", None, TimeLimitExceeded("not done")))
     with pytest.raises(TimeLimitExceeded):
@@ -185,7 +190,7 @@ def test_the_worker_of_a_trial_that_hangs_is_ended():
 
 def test_only_what_has_not_begun_is_taken_back():
     client = Client()
-    workers = made(client)
+    workers = connected(client)
     futures = [workers.submit(print) for _ in range(3)]
     client.begun = ["task-0"]
     client.tasks[2].end(("tcp://worker-1", None, None))
@@ -195,20 +200,21 @@ def test_only_what_has_not_begun_is_taken_back():
 
 def test_only_the_pool_says_what_happens():
     logging.getLogger("distributed.client").setLevel(logging.WARNING)  # as it is after the import
-    made(Client()).room()
+    connected(Client()).room()
     for name in ("distributed.client", "distributed.utils", "tornado.application", "asyncio"):
         assert not logging.getLogger(name).isEnabledFor(logging.ERROR), name
 
 
 def test_what_is_called_once_is_called_again_where_its_worker_died():
-    died, answer = distributed.KilledWorker("task-0", None, 0), ("tcp://worker-1", 5, None)
-    assert Pool(print, made(Client(outcomes=[died, answer])), print).call(int) == 5
+    died = distributed.KilledWorker("task-0", None, 0)
+    answer = ("tcp://worker-1", 5, None)
+    assert Pool(print, connected(Client(outcomes=[died, answer])), print).call(int) == 5
     with pytest.raises(WorkerDied):
-        Pool(print, made(Client(outcomes=[died, died, answer])), print).call(int)
+        Pool(print, connected(Client(outcomes=[died, died, answer])), print).call(int)
 
 
 def test_a_stop_ends_the_waiting_for_workers():
-    pool = Pool(print, made(Client(workers=0)), print)
+    pool = Pool(print, connected(Client(workers=0)), print)
     pool.stop()
     with pytest.raises(StoppedAtOnce):
         pool.call(int)
@@ -216,7 +222,7 @@ def test_a_stop_ends_the_waiting_for_workers():
 
 def test_a_worker_that_refuses_is_no_trials_fault():
     refusal = ("tcp://worker-1", None, ConfigError("it has two threads"))
-    pool = Pool(print, made(Client(outcomes=[refusal])), print)
+    pool = Pool(print, connected(Client(outcomes=[refusal])), print)
     with pytest.raises(ConfigError, match="two threads"):
         list(pool.run([Chunk(Cell(config()), (0, 1))]))
 
@@ -228,7 +234,7 @@ def test_closing_never_fails():
         ended.append("once")
         raise AssertionError("status is created")
 
-    workers = made(Client(), end=end)
+    workers = connected(Client(), end=end)
     workers.room()
     workers.close()
     workers.close(kill=True)
@@ -238,8 +244,8 @@ def test_closing_never_fails():
 class Unpicklable(Exception):
     """It cannot be made again from its one argument."""
 
-    def __init__(self, one: str, two: str) -> None:
-        super().__init__(f"{one} {two}")
+    def __init__(self, first: str, second: str) -> None:
+        super().__init__(f"{first} {second}")
 
 
 def unpicklable() -> None:
@@ -253,7 +259,7 @@ def there(
     threads: int = 1,
     **versions: str,
 ) -> Any:
-    """What a worker answers that was just started."""
+    """Returns what a worker answers that was just started."""
     worker = SimpleNamespace(address="tcp://w:1", state=SimpleNamespace(nthreads=threads))
     monkeypatch.setattr(distributed, "get_worker", lambda: worker)
     monkeypatch.setattr(cluster, "_applied_setups", [])
@@ -290,7 +296,8 @@ def test_an_exception_that_cannot_be_sent_is_told_in_words(monkeypatch):
 
 def test_real_workers_one_of_which_is_killed_give_the_same_results(tmp_path):
     task = TrialFunctions(lambda config: None, run_trials, time_steps, failed_row, record, device)
-    hashes, flag = {}, tmp_path / "flag"
+    hashes = {}
+    flag = tmp_path / "flag"
     for kind in ("local", "dask"):
         flag.touch() if kind == "local" else flag.unlink()  # nobody dies here
         cell = Cell(config(dies_once=13, flag=str(flag)))

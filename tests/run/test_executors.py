@@ -48,19 +48,23 @@ BAD = [
 
 @pytest.mark.parametrize("line", BAD)
 def test_bad_settings_are_one_line_and_leave_no_trace(line, tmp_path, capsys):
-    said = call(tmp_path, capsys, "run", *SMALL, *line.split())
-    assert (said.code, said.out) == (2, "")
-    assert re.fullmatch(r"mppi-belief: \S.*\n", said.err)
+    ended = call(tmp_path, capsys, "run", *SMALL, *line.split())
+    assert (ended.code, ended.out) == (2, "")
+    assert re.fullmatch(r"mppi-belief: \S.*\n", ended.err)
     assert files_in(tmp_path) == []
 
 
 def test_every_option_of_the_group_is_read_and_says_all_its_settings():
-    made = {
+    settings_by_name = {
         name: read_executor(collect(f"executor={name}")[0]["executor"])
         for name in ("local", "dask", "slurm")
     }
-    assert made == {"local": LocalExecutor(), "dask": DaskExecutor(), "slurm": SlurmExecutor()}
-    for name, settings in made.items():
+    assert settings_by_name == {
+        "local": LocalExecutor(),
+        "dask": DaskExecutor(),
+        "slurm": SlurmExecutor(),
+    }
+    for name, settings in settings_by_name.items():
         (config,) = collect(f"executor={name}")
         assert {*config["executor"]} == {"kind", *settings.__dataclass_fields__}
 
@@ -101,12 +105,12 @@ def test_nothing_is_started_before_it_is_needed(monkeypatch):
     assert isinstance(local, LocalWorkers)
     assert (local.count, local.own_environment) == (3, True)
     for kind in ("dask", "slurm"):
-        made = make_workers({"kind": kind}, 4, setup, {"NPROC": "1", "JAX_PLATFORMS": "cpu"})
-        assert isinstance(made, DaskWorkers)
-        assert (made.count, made.own_environment) == (4, True)
-        made.close()
+        workers = make_workers({"kind": kind}, 4, setup, {"NPROC": "1", "JAX_PLATFORMS": "cpu"})
+        assert isinstance(workers, DaskWorkers)
+        assert (workers.count, workers.own_environment) == (4, True)
+        workers.close()
         with pytest.raises(AssertionError, match="too early"):
-            made.room()
+            workers.room()
 
 
 @pytest.mark.parametrize("kind", ["dask", "slurm"])
@@ -121,9 +125,9 @@ def test_a_missing_extra_is_named(kind, monkeypatch):
 
 def test_a_scheduler_that_does_not_answer_is_exit_code_75_and_nothing_is_written(tmp_path, capsys):
     args = ["executor=dask", "executor.address=tcp://127.0.0.1:1", "executor.patience=0.2"]
-    said = call(tmp_path, capsys, "run", *SMALL, *args)
-    assert (said.code, said.out) == (75, "")
-    assert "no scheduler answers" in said.err.splitlines()[-1]
-    assert "Traceback" not in said.err
+    ended = call(tmp_path, capsys, "run", *SMALL, *args)
+    assert (ended.code, ended.out) == (75, "")
+    assert "no scheduler answers" in ended.err.splitlines()[-1]
+    assert "Traceback" not in ended.err
     assert files_in(tmp_path) == []
     assert Path(tmp_path).is_dir()

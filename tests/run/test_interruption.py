@@ -43,7 +43,7 @@ class Interrupted(NamedTuple):
     code: int
     err: str
     trials: list[int]
-    left: list[int]  # processes that outlived it
+    survivors: list[int]  # processes that outlived it
 
 
 def part_files(folder: Path) -> set[Path]:
@@ -69,8 +69,8 @@ def interrupt(folder: Path, gate: Gate, how: Callable[[int], None]) -> Interrupt
         try:
             poll(lambda: not members(process.pid), TIMEOUT)
         finally:
-            left = members(process.pid)
-    return Interrupted(code, log.read_text(), rows(folder)["trial"].tolist(), left)
+            survivors = members(process.pid)
+    return Interrupted(code, log.read_text(), rows(folder)["trial"].tolist(), survivors)
 
 
 class Story(NamedTuple):
@@ -98,8 +98,8 @@ def story(tmp_path_factory) -> Story:
 def undisturbed(tmp_path_factory) -> Path:
     """The same study in one run of one worker."""
     folder = tmp_path_factory.mktemp("undisturbed")
-    said = command(folder, *STUDY, "workers=1")
-    assert said.code == 0, said.err
+    ended_command = command(folder, *STUDY, "workers=1")
+    assert ended_command.code == 0, ended_command.err
     return folder
 
 
@@ -117,14 +117,18 @@ def test_every_interruption_keeps_what_is_done(story):
 
 
 def test_no_process_outlives_an_interruption(story):
-    assert [ended.left for ended in (story.ctrl_c, story.terminated, story.killed)] == [[], [], []]
+    assert [ended.survivors for ended in (story.ctrl_c, story.terminated, story.killed)] == [
+        [],
+        [],
+        [],
+    ]
     assert story.killed.code == -signal.SIGKILL
 
 
 def test_the_same_command_completes_it(story):
-    found = len(story.killed.trials)
+    n_done = len(story.killed.trials)
     assert story.last.code == 0, story.last.err
-    assert f"{N_TRIALS - found} trials run, {found} already done" in story.last.out
+    assert f"{N_TRIALS - n_done} trials run, {n_done} already done" in story.last.out
     table = rows(story.folder)
     assert table["trial"].tolist() == list(range(N_TRIALS))
     assert set(table["status"]) == {"ok"}
@@ -136,10 +140,10 @@ def test_results_are_the_same_bits_with_one_or_two_workers_in_one_or_many_runs(s
         next((folder / "outputs" / "results").iterdir()) for folder in (story.folder, undisturbed)
     ]
     assert names[0].name == names[1].name
-    one, other = (read_cell(cell).steps for cell in names)
-    assert len(one) == 50 * (STEPS + 1)
+    first, second = (read_cell(cell).steps for cell in names)
+    assert len(first) == 50 * (STEPS + 1)
     for column in ("trial", "step", "state", "mean", "cov", "control"):
-        np.testing.assert_array_equal(np.vstack(one[column]), np.vstack(other[column]))
+        np.testing.assert_array_equal(np.vstack(first[column]), np.vstack(second[column]))
 
 
 def test_files_say_how_they_were_made(undisturbed):
@@ -159,6 +163,6 @@ def test_an_interruption_while_it_starts_prints_no_traceback(tmp_path):
         process.send_signal(signal.SIGINT)
         gate.open()
         code = process.wait(TIMEOUT)
-    said = (tmp_path / "stderr.txt").read_text()
-    assert "Traceback" not in said
+    ended_command = (tmp_path / "stderr.txt").read_text()
+    assert "Traceback" not in ended_command
     assert code in (130, -signal.SIGINT)  # which a shell calls 130 too

@@ -26,21 +26,23 @@ def default_ids() -> dict[str, str]:
 
 def test_the_id_is_the_controller_and_a_hash_that_stays_the_same():
     """Results on disk are found by it: should it have to change, say so in the changelog."""
-    made = Cell(config(seed=3, light=5.0, centers=[[3.0, -1.0]]))
-    assert made.id == "fake-3ef85c4e7e52"
-    turned = Cell(dict(reversed(made.config.items())))
-    assert turned.id == made.id
+    planned = Cell(config(seed=3, light=5.0, centers=[[3.0, -1.0]]))
+    assert planned.id == "fake-3ef85c4e7e52"
+    turned = Cell(dict(reversed(planned.config.items())))
+    assert turned.id == planned.id
 
 
 def test_numbers_of_the_same_value_make_the_same_cell():
-    one, other = config(light=5.0, centers=[[3.0, -1]]), config(light=5, centers=[[3, -1.0]])
-    assert Cell(one).id == Cell(other).id != Cell(config(light=5.5, centers=[[3, -1.0]])).id
+    first = config(light=5.0, centers=[[3.0, -1]])
+    second = config(light=5, centers=[[3, -1.0]])
+    assert Cell(first).id == Cell(second).id != Cell(config(light=5.5, centers=[[3, -1.0]])).id
     assert Cell(config(seen=True)).id != Cell(config(seen=1)).id
 
 
 def test_a_users_code_is_part_of_the_cell():
-    one, other = config() | {"code": {"mine": "0a"}}, config() | {"code": {"mine": "0b"}}
-    assert len({Cell(config()).id, Cell(one).id, Cell(other).id}) == 3
+    first = config() | {"code": {"mine": "0a"}}
+    second = config() | {"code": {"mine": "0b"}}
+    assert len({Cell(config()).id, Cell(first).id, Cell(second).id}) == 3
 
 
 def test_an_algorithm_version_of_its_own_makes_another_cell(monkeypatch):
@@ -114,14 +116,15 @@ def test_theta_means_nothing_to_the_certainty_equivalent_controller(default_ids)
 
 
 def test_the_name_of_an_option_is_part_of_the_cell():
-    named, again = config(), config()
+    named = config()
+    again = config()
     again["names"] = named["names"] | {"controller": "other"}
     assert Cell(named).id != Cell(again).id
     assert Cell(again).id.startswith("other-")
 
 
 def test_every_cell_of_a_sweep_has_its_own_id():
-    ids = [Cell(found).id for found in collect("-m", "seed=0,1", "controller=belief,ce")]
+    ids = [Cell(composed).id for composed in collect("-m", "seed=0,1", "controller=belief,ce")]
     assert len(ids) == len(set(ids)) == 4
 
 
@@ -136,12 +139,12 @@ def test_chunks_are_exactly_the_missing_trials_once_each_in_order(
     n_trials, done, everything_below, workers, batch
 ):
     done = done | set(range(everything_below))
-    made = list(chunks(Cell(config(batch=batch)), n_trials, done, workers))
-    assert trials_of(made) == [trial for trial in range(n_trials) if trial not in done]
-    assert all(chunk.trials for chunk in made)
+    planned = list(chunks(Cell(config(batch=batch)), n_trials, done, workers))
+    assert trials_of(planned) == [trial for trial in range(n_trials) if trial not in done]
+    assert all(chunk.trials for chunk in planned)
     assert all(
-        one.trials[-1] // batch < other.trials[0] // batch
-        for one, other in itertools.pairwise(made)
+        first.trials[-1] // batch < second.trials[0] // batch
+        for first, second in itertools.pairwise(planned)
     )
 
 

@@ -50,8 +50,11 @@ class Study:
     """Runs fake cells under one folder and remembers which were checked."""
 
     def __init__(self, root: Path, check: Callable[..., None] = lambda config: None) -> None:
-        self.root, self.checked, self._check = root, [], check
-        self.device, self.variables = device, None
+        self.root = root
+        self.checked: list[int] = []
+        self.device: Callable[..., str] = device
+        self.variables: dict[str, str] | None = None
+        self._check = check
 
     def check(self, config: dict[str, Any]) -> None:
         self.checked.append(config["seed"])
@@ -102,10 +105,14 @@ def test_a_study_runs_once_and_a_larger_one_only_adds(study, tmp_path):
 
 
 def test_two_workers_write_what_one_does(tmp_path):
-    cell, one, two = Cell(config()), Study(tmp_path / "one"), Study(tmp_path / "two")
-    one.run(cell, n_trials=25)
-    two.run(cell, n_trials=25, workers=2)
-    assert results.result_hash(one.rows(cell)) == results.result_hash(two.rows(cell))
+    cell = Cell(config())
+    first_study = Study(tmp_path / "one")
+    second_study = Study(tmp_path / "two")
+    first_study.run(cell, n_trials=25)
+    second_study.run(cell, n_trials=25, workers=2)
+    assert results.result_hash(first_study.rows(cell)) == results.result_hash(
+        second_study.rows(cell)
+    )
 
 
 @pytest.mark.parametrize(
@@ -134,10 +141,8 @@ def test_all_cells_with_missing_trials_are_checked_before_any_runs(tmp_path):
         if config["seed"] == 3:
             raise ValueError("seed 3 will not do")
 
-    study, cells = (
-        Study(tmp_path / "results", refuse),
-        [Cell(config(seed=seed)) for seed in (1, 2, 3)],
-    )
+    study = Study(tmp_path / "results", refuse)
+    cells = [Cell(config(seed=seed)) for seed in (1, 2, 3)]
     study.run(cells[0])
     with pytest.raises(ValueError, match="seed 3"):
         study.run(*cells)
@@ -162,19 +167,20 @@ def test_a_place_that_cannot_be_written_stops_a_study_before_it_runs(tmp_path):
 
 
 def test_results_say_what_computed_them_here_or_in_the_workers_environment(study):
-    here, there = Cell(config(seed=1)), Cell(config(seed=2))
+    here = Cell(config(seed=1))
+    there = Cell(config(seed=2))
     study.run(here)
     study.variables = {"DEVICE": "another"}
     study.run(there)
-    told = [
+    devices = [
         results.read_table(next((study.root / cell.id).glob("part-*")))[0]["sources"][0][
             "device"
         ].split()
         for cell in (here, there)
     ]
-    assert told[0] == ["none", str(os.getpid())]
-    assert told[1][0] == "another"
-    assert told[1][1] != str(os.getpid())
+    assert devices[0] == ["none", str(os.getpid())]
+    assert devices[1][0] == "another"
+    assert devices[1][1] != str(os.getpid())
 
 
 @pytest.mark.parametrize(
@@ -204,7 +210,9 @@ def test_where_all_is_done_no_device_is_asked_for(study):
 def test_a_disk_that_fills_up_ends_a_study_and_its_workers_and_keeps_what_was_written(
     study, monkeypatch
 ):
-    cell, write, calls = Cell(config()), results.write_rows, []
+    cell = Cell(config())
+    write = results.write_rows
+    calls: list[Any] = []
 
     def write_rows(*args: Any) -> None:
         calls.append(args)
@@ -242,7 +250,8 @@ def test_a_broken_timing_file_is_made_again(study):
 
 
 def test_a_recording_is_made_once_and_only_where_a_cell_asks_for_one(study):
-    asking, silent = Cell(config() | {"record": 3}), Cell(config(seed=1))
+    asking = Cell(config() | {"record": 3})
+    silent = Cell(config(seed=1))
     study.run(asking, silent)
     path = study.root / asking.id / "recording-3.json"
     assert files.read_json(path.parent, path.stem) == {"trial": 3, "samples": None, "matching": {}}
@@ -308,19 +317,20 @@ def test_one_signal_keeps_what_runs_and_the_rest_waits_for_the_next_run(study, m
     cell = Cell(config())
     interrupt_at_the_first_result(monkeypatch, times=1)
     outcome = study.run(cell, n_trials=50)
-    kept = study.rows(cell)["trial"].tolist()
-    assert outcome == StudyOutcome({cell.id: len(kept)}, {cell.id: 0}, signal.SIGINT)
-    assert kept[:10] == list(range(10))
-    assert len(kept) < 50
+    trials_written = study.rows(cell)["trial"].tolist()
+    assert outcome == StudyOutcome({cell.id: len(trials_written)}, {cell.id: 0}, signal.SIGINT)
+    assert trials_written[:10] == list(range(10))
+    assert len(trials_written) < 50
     assert files.read_json(study.root / cell.id, "timing") is None
     assert study.run(cell, n_trials=50) == StudyOutcome(
-        {cell.id: 50 - len(kept)}, {cell.id: len(kept)}, None
+        {cell.id: 50 - len(trials_written)}, {cell.id: len(trials_written)}, None
     )
 
 
 @pytest.mark.parametrize("times", [2, 3])
 def test_more_signals_end_it_at_once_without_an_exception(times, study, monkeypatch):
-    cell, close = Cell(config()), Pool.close
+    cell = Cell(config())
+    close = Pool.close
 
     def interrupted_close(pool: Pool, *, kill: bool = False) -> None:
         for _ in range(times - 2):

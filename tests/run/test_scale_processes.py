@@ -22,11 +22,11 @@ def interpreter(monkeypatch):
 
 def test_a_command_is_watched_to_its_end(interpreter, tmp_path):
     """It ends when it has been looked at twice."""
-    seen = []
+    pids = []
 
     def look(pid):
-        seen.append(pid)
-        if len(seen) == 2:
+        pids.append(pid)
+        if len(pids) == 2:
             (tmp_path / "seen").touch()
 
     waits = (
@@ -35,10 +35,10 @@ def test_a_command_is_watched_to_its_end(interpreter, tmp_path):
         "time.sleep(0.2)\n"
     )
     ended = processes.watched(["-c", waits], tmp_path, look, every=0.01)
-    assert len(seen) > 1
-    assert len(set(seen)) == 1
+    assert len(pids) > 1
+    assert len(set(pids)) == 1
     assert ended.seconds >= 0.2
-    assert processes.resident_mb(seen[0]) is None
+    assert processes.resident_mb(pids[0]) is None
 
 
 def test_a_command_gets_its_folder_and_its_environment(interpreter, tmp_path):
@@ -55,10 +55,10 @@ def test_a_command_that_fails_is_one_line_and_one_that_hangs_is_ended(
             ["-c", "import sys; print('no\\nno luck', file=sys.stderr); sys.exit(3)"], tmp_path
         )
     monkeypatch.setattr(processes, "TIMEOUT", 0.3)
-    seen = []
+    pids = []
     with pytest.raises(CommandError, match=r"not done in 0\.3 s"):
-        processes.watched(["-c", "import time; time.sleep(3600)"], tmp_path, seen.append)
-    assert not study_helpers.is_alive(seen[0])
+        processes.watched(["-c", "import time; time.sleep(3600)"], tmp_path, pids.append)
+    assert not study_helpers.is_alive(pids[0])
 
 
 def test_the_workers_of_a_command_are_found(interpreter, tmp_path):
@@ -70,15 +70,15 @@ def test_the_workers_of_a_command_are_found(interpreter, tmp_path):
         "    worker.start()\n    pathlib.Path('told').write_text(str(worker.pid))\n"
         "    while not pathlib.Path('seen').exists():\n        time.sleep(0.01)\n"
     )
-    seen = []
+    pids = []
 
     def look(pid):
         if (tmp_path / "works").exists():
-            seen.append(processes.workers_of(pid))
+            pids.append(processes.workers_of(pid))
             (tmp_path / "seen").touch()
 
     processes.watched(["pool.py"], tmp_path, look)
-    assert seen[0] == [int((tmp_path / "told").read_text())]  # not the tracker of resources
+    assert pids[0] == [int((tmp_path / "told").read_text())]  # not the tracker of resources
 
 
 GROWING = """

@@ -46,7 +46,7 @@ def test_as_many_jobs_as_asked_for_and_then_silence(queue):
     jobs = SlurmJobs("#!/bin/sh", "mine", 3, 2)
     jobs.replace_missing([])
     assert calls(queue, "sbatch") == 3
-    here = [f"{job}-{at}" for job in (1, 2, 3) for at in (0, 1)]
+    here = [f"{job}-{position}" for job in (1, 2, 3) for position in (0, 1)]
     jobs.replace_missing(here)
     before = calls(queue, "squeue")
     jobs.replace_missing(here)
@@ -108,7 +108,7 @@ def test_jobs_that_had_a_worker_may_end_as_often_as_they_like(queue):
 
 
 @pytest.mark.parametrize(
-    ("said", "raised", "line"),
+    ("message", "raised", "line"),
     [
         (
             "sbatch: error: Batch job submission failed: Invalid partition",
@@ -128,8 +128,8 @@ def test_jobs_that_had_a_worker_may_end_as_often_as_they_like(queue):
         ),
     ],
 )
-def test_a_refusal_is_one_line(said, raised, line, queue):
-    (queue / "refuse").write_text(said)
+def test_a_refusal_is_one_line(message, raised, line, queue):
+    (queue / "refuse").write_text(message)
     with pytest.raises(raised, match=line):
         SlurmJobs("", "mine", 2).replace_missing([])
 

@@ -49,16 +49,16 @@ def test_what_takes_too_long_is_left_behind():
 
 
 @pytest.mark.parametrize(
-    ("batch", "stuck", "done", "left"),
+    ("batch", "stuck", "done", "not_begun"),
     [(1, (2,), [(0,), (1,)], (3, 4)), (3, (0, 1, 2), [], (3, 4))],
 )
 def test_a_trial_that_hangs_costs_its_batch_and_those_after_it_are_left_to_another(
-    batch, stuck, done, left
+    batch, stuck, done, not_begun
 ):
     report = run_chunk(sleeps_at, {"system": {"hangs": 2}}, list(batches(range(5), batch)), 2.0)
     assert report.outcomes[:-1] == [(trials, list(trials)) for trials in done]
     assert report.outcomes[-1] == (stuck, Failure("timeout", "not done after 2 s"))
-    assert (report.unfinished, report.mistake) == (left, None)
+    assert (report.unfinished, report.mistake) == (not_begun, None)
 
 
 def test_an_exception_is_text_and_the_rest_is_run():

@@ -19,7 +19,8 @@ from mppi_belief.run.worker import Failure
 from mppi_belief.run.writer import ResultsWriter
 from study_helpers import Batch, config, failed_row, row
 
-HERE, THERE = {"host": "here", "processor": "x"}, {"host": "there", "processor": "y"}
+HERE = {"host": "here", "processor": "x"}
+THERE = {"host": "there", "processor": "y"}
 
 
 class Clock:
@@ -34,15 +35,15 @@ class Clock:
 
 @pytest.fixture
 def clock(monkeypatch) -> Clock:
-    made = Clock()
-    monkeypatch.setattr(writing, "time", made)
-    return made
+    fake_clock = Clock()
+    monkeypatch.setattr(writing, "time", fake_clock)
+    return fake_clock
 
 
 @pytest.fixture
 def writer(tmp_path, clock) -> ResultsWriter:
-    nothing: Any = None
-    task = TrialFunctions(nothing, nothing, nothing, failed_row, nothing, nothing)
+    unused: Any = None
+    task = TrialFunctions(unused, unused, unused, failed_row, unused, unused)
     return ResultsWriter(tmp_path, task, {"commit": "a", "device": "cpu"})
 
 
@@ -97,18 +98,18 @@ def test_it_never_waits_longer_than_it_may(writer, clock, tmp_path):
 
 
 def test_each_cell_has_its_file_and_each_place_its_source(writer, clock, tmp_path):
-    for one in (done(0, 1), done(5, where=THERE), done(2), done(3, seed=1)):
-        writer.add(one)
+    for batch in (done(0, 1), done(5, where=THERE), done(2), done(3, seed=1)):
+        writer.add(batch)
     clock.now += 7
     writer.write()
     first, second = (tmp_path / Cell(config(seed=seed)).id for seed in (0, 1))
     (path,) = first.glob("part-*")
     sources = json.loads(pq.read_schema(path).metadata[b"mppi-belief"])["sources"]
-    told = [
+    facts = [
         (source["host"], source["trials"], source["commit"], source["elapsed"])
         for source in sources
     ]
-    assert told == [("here", [[0, 2]], "a", 7.0), ("there", [[5, 5]], "a", 7.0)]
+    assert facts == [("here", [[0, 2]], "a", 7.0), ("there", [[5, 5]], "a", 7.0)]
     assert read_rows(second)["trial"].tolist() == [3]
     assert sources[0]["config"] == config()
 

@@ -20,7 +20,7 @@ def show_overview(cells: Sequence[Cell], root: Path, n_trials: int, outcome: Stu
         lines = [summary_text(cell.rows, cell.labels, cell.seconds) for cell in results]
         print(aligned_text(lines))
     ran = sum(outcome.ran.values())
-    stored = sum(outcome.found.values())
+    stored = sum(outcome.done_before.values())
     print(f"{ran} trials run, {stored} already done; results in {root}")
 
     pictures = []

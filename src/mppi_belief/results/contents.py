@@ -35,12 +35,12 @@ class CellContents:
 
     @property
     def sources(self) -> list[dict[str, Any]]:
-        """Where the rows come from, in the order of the part files."""
+        """Returns where the rows come from, in the order of the part files."""
         return [source for part in self.parts for source in part.metadata["sources"]]
 
     @property
     def config(self) -> dict[str, Any] | None:
-        """The configuration in the first source that has one."""
+        """Returns the configuration of the first source that has one."""
         configs = (source.get("config") for source in self.sources)
         return next((config for config in configs if isinstance(config, dict) and config), None)
 

@@ -36,7 +36,7 @@ class WorkerProcess:
 
     @property
     def started(self) -> bool:
-        """Whether the process has ever answered."""
+        """Returns whether the process has ever answered."""
         future = self._start_confirmed
         return future is not None and future.done() and future.exception() is None
 

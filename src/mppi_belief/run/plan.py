@@ -48,12 +48,12 @@ class Chunk(NamedTuple):
 
     @property
     def unit(self) -> str:
-        """What one of its parts is called in messages."""
+        """Returns what one of its parts is called in messages."""
         return "task" if isinstance(self.job, NamedTask) else "trial"
 
     @property
     def batches(self) -> list[tuple[int, ...]]:
-        """The trials that are computed together."""
+        """Returns the trials that are computed together, batch by batch."""
         return list(batches(self.trials, self.job.config.get("batch", 1)))
 
     def part(self, trials: tuple[int, ...]) -> Chunk:

@@ -40,11 +40,13 @@ def run_study(
         cell.id: _done_trials(read_rows(root / cell.id, log_event), order.retry_failed)
         for cell in cells
     }
-    found = {cell.id: sum(trial < order.n_trials for trial in done[cell.id]) for cell in cells}
+    done_before = {
+        cell.id: sum(trial < order.n_trials for trial in done[cell.id]) for cell in cells
+    }
     missing: list[Chunk] = []
     for position, cell in enumerate(cells):
         missing += chunks(cell, order.n_trials, done[cell.id], workers.count, order.shard, position)
-    ran = dict.fromkeys(found, 0)
+    ran = dict.fromkeys(done_before, 0)
     pool = Pool(functions.run_trials, workers, log_event, order.seconds)
     writer = ResultsWriter(root, functions, provenance(command))
 
@@ -54,11 +56,11 @@ def run_study(
 
     with polite_stop(stop) as stop_request, pool:
         writer.provenance["device"] = _check_all(missing, root, functions, pool, workers)
-        _run_chunks(pool, missing, writer, ran, sum(found.values()))
+        _run_chunks(pool, missing, writer, ran, sum(done_before.values()))
         for cell in cells if order.shard.i == 1 else ():
             if stop_request.number is None:
                 _make_extras(root, cell, pool, functions)
-    return StudyOutcome(ran, found, stop_request.number)
+    return StudyOutcome(ran, done_before, stop_request.number)
 
 
 def _done_trials(rows: pd.DataFrame, retry_failed: bool) -> set[int]:
@@ -68,16 +70,20 @@ def _done_trials(rows: pd.DataFrame, retry_failed: bool) -> set[int]:
 
 
 def _run_chunks(
-    pool: Pool, missing: Sequence[Chunk], writer: ResultsWriter, ran: dict[str, int], found: int
+    pool: Pool,
+    missing: Sequence[Chunk],
+    writer: ResultsWriter,
+    ran: dict[str, int],
+    done_before: int,
 ) -> None:
     """Runs all chunks and counts their trials in `ran`; whatever ends this, what has come back is
     written.
     """
     total = sum(len(chunk.trials) for chunk in missing)
-    if found and total:
-        log_on_terminal(f"going on: {found} trials found done, {total} to run")
+    if done_before and total:
+        log_on_terminal(f"going on: {done_before} trials already done, {total} to run")
     try:
-        with _progress_bar(found + total, found) as bar:
+        with _progress_bar(done_before + total, done_before) as bar:
             for batch in pool.run(missing, writer.write_when_due):
                 writer.add(batch)
                 ran[batch.job.id] += len(batch.trials)

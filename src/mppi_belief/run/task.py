@@ -35,5 +35,5 @@ class StudyOutcome(NamedTuple):
     """How a study ended."""
 
     ran: dict[str, int]  # trials that were run now, by cell id
-    found: dict[str, int]  # trials that were done before, by cell id
+    done_before: dict[str, int]  # trials that were done before, by cell id
     stopped: int | None  # the signal that stopped it, if one did

@@ -23,7 +23,7 @@ class Info(NamedTuple):
 
 
 def wait(nap: float, fate: str, now: bool) -> np.float32:
-    """What happens on the host at a step; `now` at the first one of the unlucky trial."""
+    """Does on the host what happens at a step; `now` at the first one of the unlucky trial."""
     if now and fate == "kills":
         os.kill(os.getpid(), signal.SIGKILL)
     time.sleep(3600 if now and fate == "hangs" else nap)

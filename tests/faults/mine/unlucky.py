@@ -22,7 +22,7 @@ class Info(NamedTuple):
 
 
 def suffer(fate: str) -> np.float32:
-    """What happens on the host when the trial has come."""
+    """Does on the host what the unlucky trial suffers."""
     if fate == "raises":
         raise ValueError("this trial is cursed")
     if fate == "kills":
