@@ -11,7 +11,8 @@ from jax import Array
 import mppi_belief as mb
 from helpers import CENTERS, light_dark_problem, plain_problem, random_spd
 from mppi_belief.belief.cost import quadrature_moments, running_moments
-from mppi_belief.problem import ObstacleShape, System
+from mppi_belief.obstacles import ObstacleShape
+from mppi_belief.problem import System
 from mppi_belief.trial.scene import describe_scene
 from system_helpers import pendulum
 

@@ -55,7 +55,11 @@ if TYPE_CHECKING:  # the same names as below, for type checkers
         ParticleFilter as ParticleFilter,
         UKF as UKF,
     )
-    from .obstacles import Obstacles as Obstacles
+    from .obstacles import (
+        ObstacleShape as ObstacleShape,
+        Obstacles as Obstacles,
+        Surroundings as Surroundings,
+    )
     from .planning.parts import (
         DrawnPaths as DrawnPaths,
         MixturePathCost as MixturePathCost,
@@ -86,10 +90,9 @@ if TYPE_CHECKING:  # the same names as below, for type checkers
         CostMoments as CostMoments,
         Filter as Filter,
         GaussianFilter as GaussianFilter,
-        ObstacleShape as ObstacleShape,
         Problem as Problem,
+        SeesState as SeesState,
         SteerableSensor as SteerableSensor,
-        Surroundings as Surroundings,
         System as System,
         WrappedMeasurements as WrappedMeasurements,
     )
@@ -127,10 +130,11 @@ _MODULES = {
     "CostMoments": "problem",
     "Filter": "problem",
     "GaussianFilter": "problem",
-    "ObstacleShape": "problem",
+    "ObstacleShape": "obstacles",
     "Problem": "problem",
+    "SeesState": "problem",
     "SteerableSensor": "problem",
-    "Surroundings": "problem",
+    "Surroundings": "obstacles",
     "System": "problem",
     "WrappedMeasurements": "problem",
     "Obstacles": "obstacles",

@@ -28,7 +28,7 @@ RULE = "rule"  # the key of a field's metadata under which its rule lies
 
 
 class Rule(Protocol):
-    """What a value of a field must be."""
+    """Says what a value of a field must be."""
 
     def check(self, value: Any) -> Any:
         """Return the value in its final type; raises `ValueError` without the field's name."""

@@ -23,14 +23,14 @@ from __future__ import annotations
 import inspect
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
-import jax.numpy as jnp
 from jax import Array
 
+from .obstacles import ObstacleShape, Surroundings
 from .structs import ArrayField, OptionalArrayField, array, choice, indices, number, size, struct
 
 
 class Belief(NamedTuple):
-    """A Gaussian belief N(mean, cov)."""
+    """Holds a Gaussian belief N(mean, cov)."""
 
     mean: Array  # (nx,)
     cov: Array  # (nx, nx)
@@ -38,7 +38,7 @@ class Belief(NamedTuple):
 
 @runtime_checkable
 class System(Protocol):
-    """Control-affine dynamics (1a) and measurement (1b).
+    """Represents control-affine dynamics (1a) and measurement (1b).
 
     Optional abilities: `WrappedMeasurements` and `SteerableSensor`.
     """
@@ -48,68 +48,24 @@ class System(Protocol):
         """Process noise channel (nx, nw)."""
 
     def f(self, x: Array) -> Array:
-        """Uncontrolled drift: (nx,) -> (nx,)."""
+        """Returns the uncontrolled drift: (nx,) -> (nx,)."""
 
     def G(self, x: Array) -> Array:
-        """Control channel: (nx,) -> (nx, nu)."""
+        """Returns the control channel: (nx,) -> (nx, nu)."""
 
     def c(self, x: Array) -> Array:
-        """Noise-free measurement: (nx,) -> (ny,)."""
+        """Returns the noise-free measurement: (nx,) -> (ny,)."""
 
     def sigma_o(self, x: Array) -> Array:
-        """Measurement noise: (nx,) -> (ny, ny), invertible."""
-
-
-@runtime_checkable
-class ObstacleShape(Protocol):
-    """Obstacles in the space of positions."""
-
-    def clearance(self, position: Array) -> Array:
-        """Distance to the nearest surface, negative inside: (d,) -> ()."""
-
-
-class Surroundings(NamedTuple):
-    """The obstacles and the position of a problem, as a cost asks for them: by the state."""
-
-    obstacles: ObstacleShape | None  # in the space of positions; None: there are none
-    components: tuple[int, ...] | None  # of the state that are the position; None: all
-
-    def position(self, x: Array) -> Array:
-        """Return the position of a state: (nx,) -> (d,)."""
-        if self.components is None:
-            return x
-        if max(self.components) >= len(x):
-            raise ValueError(f"position {list(self.components)} is not in a state of {len(x)}")
-        if self.position_leads:
-            return x[: len(self.components)]
-        return jnp.stack([x[i] for i in self.components])
-
-    def clearance(self, x: Array) -> Array:
-        """Return the distance from a state to the nearest surface: (nx,) -> ().
-
-        It is negative inside an obstacle and inf without obstacles.
-        """
-        if self.obstacles is None:
-            return jnp.asarray(jnp.inf)
-        return self.obstacles.clearance(self.position(x))
-
-    @property
-    def position_leads(self) -> bool:
-        """Whether the position is the first components of the state, in their order."""
-        return self.components is None or self.components == tuple(range(len(self.components)))
-
-    def position_first(self, nx: int) -> list[int]:
-        """Return the order of the nx components that brings the position to the front."""
-        front = list(range(nx) if self.components is None else self.components)
-        return front + [i for i in range(nx) if i not in front]
+        """Returns the measurement noise, invertible: (nx,) -> (ny, ny)."""
 
 
 @runtime_checkable
 class WrappedMeasurements(Protocol):
-    """Optional ability of a system whose measurements wrap, as angles do."""
+    """Adds to a system that its measurements wrap, as angles do."""
 
     def difference(self, y: Array, predicted: Array) -> Array:
-        """How far y is from predicted, (ny,) and (ny,) -> (ny,): zero where both mean the same.
+        """Returns y less predicted, (ny,) and (ny,) -> (ny,): zero where both mean the same.
 
         Systems without this method compare measurements by y - predicted.
         """
@@ -117,10 +73,10 @@ class WrappedMeasurements(Protocol):
 
 @runtime_checkable
 class SteerableSensor(Protocol):
-    """Optional ability of a system whose sensor follows the belief."""
+    """Adds to a system that its sensor follows the belief."""
 
     def aimed(self, problem: Problem, mean: Array, root: Array, sampled: bool) -> System:
-        """The system with the sensor chosen for a belief N(mean (nx,), root root' (nx, nx)).
+        """Returns the system with the sensor for a belief N(mean (nx,), root root' (nx, nx)).
 
         The choice may depend on nothing else but the problem, since filter, plant and planner each
         make it. With `sampled` the belief is the predicted one, before a measurement every dt;
@@ -130,7 +86,7 @@ class SteerableSensor(Protocol):
 
 @runtime_checkable
 class Cost(Protocol):
-    """State cost q = base + penalty, terminal cost and control weight of (2)."""
+    """Represents the state cost q = base + penalty, terminal cost and control weight of (2)."""
 
     @property
     def R(self) -> Array:
@@ -138,20 +94,20 @@ class Cost(Protocol):
 
     @property
     def goal(self) -> Array:
-        """Where the terminal cost is least: (nx,)."""
+        """The state (nx,) with the least terminal cost."""
 
     def base(self, x: Array) -> Array:
-        """Running cost counted in results: (nx,) -> ()."""
+        """Returns the running cost that results report: (nx,) -> ()."""
 
     def penalty(self, x: Array, surroundings: Surroundings) -> Array:
-        """Running cost that only steers the planner, such as that of obstacles: (nx,) -> ()."""
+        """Returns the running cost that only steers the planner, as of obstacles: (nx,) -> ()."""
 
     def terminal(self, x: Array) -> Array:
-        """Terminal cost: (nx,) -> ()."""
+        """Returns the terminal cost: (nx,) -> ()."""
 
 
 class CostMoments(NamedTuple):
-    """Moments of base and penalty under a belief; every field is ()."""
+    """Holds the moments of base and penalty under a belief; every field is ()."""
 
     base: Array  # expectation of base
     penalty: Array  # expectation of penalty
@@ -162,27 +118,27 @@ class CostMoments(NamedTuple):
 
 @runtime_checkable
 class ClosedFormCost(Cost, Protocol):
-    """A cost that knows its Gaussian moments; those of others are integrated by quadrature."""
+    """Adds to a cost its Gaussian moments; those of other costs are integrated by quadrature."""
 
     def running_moments(self, mean: Array, cov: Array, surroundings: Surroundings) -> CostMoments:
-        """Moments under N(mean, cov), mean (nx,) and cov (nx, nx)."""
+        """Returns the moments under N(mean, cov), mean (nx,) and cov (nx, nx)."""
 
     def terminal_mean(self, mean: Array, cov: Array) -> Array:
-        """Expected terminal cost under N(mean, cov): ()."""
+        """Returns the expected terminal cost () under N(mean, cov)."""
 
 
 class Filter(Protocol):
     """Turns controls and measurements into a belief."""
 
     def init(self, problem: Problem, key: Array) -> Any:
-        """The belief before the first control."""
+        """Returns the belief before the first control."""
 
     def update(self, problem: Problem, belief: Any, u: Array, y: Array, key: Array) -> Any:
-        """The belief after control u (nu,) and the measurement y (ny,) that followed it."""
+        """Returns the belief after control u (nu,) and the measurement y (ny,) that followed."""
 
 
 class Correction(NamedTuple):
-    """What a Gaussian filter knows after a measurement."""
+    """Holds what a Gaussian filter knows after a measurement."""
 
     posterior: Any  # the belief after the measurement, with `mean` (nx,) and `cov` (nx, nx)
     innovation: Array  # (ny,), the measurement less its forecast
@@ -191,32 +147,32 @@ class Correction(NamedTuple):
 
 @runtime_checkable
 class GaussianFilter(Filter, Protocol):
-    """A filter whose update is a prediction and a correction, and which knows its innovations."""
+    """Adds to a filter that its update is a prediction and a correction, with innovations."""
 
     def predict(self, problem: Problem, belief: Any, u: Array) -> Any:
-        """The belief one step after control u (nu,), before the measurement."""
+        """Returns the belief one step after control u (nu,), before the measurement."""
 
     def correct(self, problem: Problem, belief: Any, y: Array) -> Correction:
-        """The predicted belief corrected by the measurement y (ny,)."""
+        """Returns the predicted belief corrected by the measurement y (ny,)."""
 
 
 class Controller(Protocol):
     """Turns a belief into a control."""
 
     def init(self, problem: Problem) -> Any:
-        """The plan carried between steps (warm start)."""
+        """Returns the plan that is carried between steps (warm start)."""
 
     def act(self, problem: Problem, belief: Any, plan: Any, key: Array) -> tuple[Array, Any, Any]:
-        """-> control (nu,), the next plan, diagnostics with at least `ess` ()."""
+        """Returns a control (nu,), the next plan, and diagnostics with at least `ess` ()."""
 
 
 @runtime_checkable
 class SeesState(Controller, Protocol):
-    """Optional ability of a controller that plans from the true state instead of a belief."""
+    """Adds to a controller that it plans from the true state instead of a belief."""
 
     @property
     def sees_state(self) -> bool:
-        """Whether the belief that `act` is given is the true state, without any uncertainty."""
+        """Says whether `act` is given the true state, as a belief without uncertainty."""
 
 
 @struct
@@ -244,7 +200,7 @@ class Problem:
     )  # (m,), any sum
 
     def __post_init__(self) -> None:
-        """Refuse a system that has what is given to the problem."""
+        """Refuses a system that has what is given to the problem."""
         owned = [name for name in _GIVEN_TO_THE_PROBLEM if _has(self.system, name)]
         if owned:
             given = "; ".join(_GIVEN_TO_THE_PROBLEM[name] for name in owned)
@@ -257,15 +213,15 @@ class Problem:
         return Surroundings(self.obstacles, self.position)
 
     def position_of(self, x: Array) -> Array:
-        """Return the position of a state: (nx,) -> (d,)."""
+        """Returns the position of a state: (nx,) -> (d,)."""
         return self.surroundings.position(x)
 
     def clearance(self, x: Array) -> Array:
-        """Return the distance from a state to the nearest obstacle, inf without: (nx,) -> ()."""
+        """Returns the distance from a state to the nearest obstacle, inf without: (nx,) -> ()."""
         return self.surroundings.clearance(x)
 
     def penalty(self, x: Array) -> Array:
-        """Return the running cost that only steers the planner: (nx,) -> ()."""
+        """Returns the running cost that only steers the planner: (nx,) -> ()."""
         return self.cost.penalty(x, self.surroundings)
 
 
@@ -277,6 +233,6 @@ _GIVEN_TO_THE_PROBLEM = {
 
 
 def _has(system: Any, name: str) -> bool:
-    """Whether a system has a method, or a field or property that is the noise convention."""
+    """Says whether a system has a method of this name, or a noise convention in any form."""
     member = inspect.getattr_static(system, name, None)
     return inspect.isfunction(member) or (name == "noise_convention" and member is not None)

@@ -179,7 +179,7 @@ def struct(cls: type[T]) -> type[T]:
 
 
 def is_struct(cls: type) -> bool:
-    """Whether `cls` itself was made with `struct`."""
+    """Says whether `cls` itself was made with `struct`."""
     return cls in _STRUCTS
 
 
@@ -198,7 +198,7 @@ def _check_fields(self: Any) -> None:
 
 
 def _is_traced(value: Any) -> bool:
-    """Whether JAX made the value (or a placeholder for it), so that there is nothing to check."""
+    """Says whether JAX made the value or a placeholder for it, which cannot be checked."""
     return not isinstance(
         value, (bool, int, float, str, bytes, list, tuple, dict, np.ndarray, np.generic, type(None))
     )

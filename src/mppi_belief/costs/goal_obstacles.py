@@ -17,7 +17,8 @@ from ..belief.moments import (
     quadratic_moments,
 )
 from ..numerics.linalg import as_matrix, minus, quadratic_form
-from ..problem import CostMoments, Surroundings
+from ..obstacles import Surroundings
+from ..problem import CostMoments
 from ..structs import ArrayField, array, number, struct
 
 

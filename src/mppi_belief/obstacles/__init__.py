@@ -1,5 +1,6 @@
-"""Obstacles, one shape per file."""
+"""Obstacles, one shape per file, and what a cost may ask of them."""
 
 from .discs import Obstacles
+from .surroundings import ObstacleShape, Surroundings
 
-__all__ = ["Obstacles"]
+__all__ = ["ObstacleShape", "Obstacles", "Surroundings"]

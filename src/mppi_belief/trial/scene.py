@@ -19,8 +19,8 @@ def describe_scene(problem: Problem) -> dict[str, Any]:
     """Return the scene in plain numbers.
 
     Its keys are dt (s), position (components of the state), start, goal and obstacles (m), radius
-    (m); `starts` for a prior with modes; and for positions in the plane `noise`, which is sigma_o on
-    a grid. Obstacles other than discs are left out.
+    (m); `starts` for a prior with modes; and `noise` for positions in the plane, which is sigma_o
+    on a grid. Obstacles other than discs are left out.
     """
     start = np.asarray(problem.position_of(jnp.asarray(problem.prior_mean)))
     goal = np.asarray(problem.position_of(jnp.asarray(problem.cost.goal)))

@@ -199,10 +199,12 @@ def _hint(problem: Problem, name: str) -> str:
     if not dataclasses.is_dataclass(owner):
         return ""
     fields = dataclasses.fields(owner)
-    whole = [field.name for field in fields if field.type in (int, "int") and not field.metadata]
-    if not whole:
+    undeclared = [
+        field.name for field in fields if field.type in (int, "int") and not field.metadata
+    ]
+    if not undeclared:
         return ""
-    return f"; a whole number such as {', '.join(whole)} is declared with mppi_belief.size"
+    return f"; a whole number such as {', '.join(undeclared)} is declared with mppi_belief.size"
 
 
 # Compiled without optimisation, since it runs once for each cell.
