@@ -9,7 +9,7 @@ LONGEST_BAND = 80  # characters of a band's source that fit a table
 
 
 def assert_holds(certificate: Certificate) -> None:
-    """Assert that all checks hold, that their texts fit a table, and that all curves can be drawn."""
+    """Assert that all checks hold, their texts fit a table, and all curves can be drawn."""
     assert certificate.holds, [check for check in certificate.checks if not check.holds]
     for check in certificate.checks:
         assert len(check.computed) <= LONGEST_NUMBER

@@ -13,6 +13,11 @@ from mppi_belief.verify.bands import quantile
 from mppi_belief.verify.certificates import algorithm_1 as a1
 from mppi_belief.verify.estimates import standard_error
 from mppi_belief.verify.scenarios import stationary_scalar as scalar
+from mppi_belief.verify.scenarios.scalar_loops import (
+    ScalarLoops,
+    closed_loops,
+    receding_algorithm,
+)
 
 TRIALS = 300
 
@@ -84,10 +89,8 @@ def test_a_cost_that_is_not_the_quadratic_form_is_seen(expected):
 
 def test_another_temperature_than_the_matched_one_does_not_cost_what_is_predicted(expected, x64):
     problem, optimum = scalar.stationary_problem()
-    warm = dataclasses.replace(
-        a1.receding_algorithm(1024), temperature=2 * scalar.SCALAR_TEMPERATURE
-    )
-    run = a1.closed_loops(problem, warm, 0, 50)
+    warm = dataclasses.replace(receding_algorithm(1024), temperature=2 * scalar.SCALAR_TEMPERATURE)
+    run = closed_loops(problem, warm, 0, 50)
     form = 0.5 * optimum.hessian * np.sum((run.control + optimum.gain * run.mean) ** 2, axis=1)
     assert form.mean() - expected.excess(1024) > quantile(1, 49) * standard_error(form)
 
@@ -97,10 +100,10 @@ def test_a_controller_that_is_not_the_optimum_is_seen(x64):
     mean = np.ones((10, scalar.SCALAR_STEPS))
     best = scalar.scalar_optimal_cost(problem, optimum, scalar.filter_law(problem)[0])
     costs = best + np.linspace(-1, 1, 10)
-    off = a1.ScalarLoops(costs, mean, -(optimum.gain + 1e-6) * mean)
+    off = ScalarLoops(costs, mean, -(optimum.gain + 1e-6) * mean)
     assert [c.holds for c in a1.optimum_checks(problem, optimum, best, off)] == [True, False, True]
     wrong = optimum._replace(gain=optimum.gain * (1 + 1e-6))
-    right = a1.ScalarLoops(costs + 10, mean, -wrong.gain * mean)
+    right = ScalarLoops(costs + 10, mean, -wrong.gain * mean)
     assert [c.holds for c in a1.optimum_checks(problem, wrong, best, right)] == [
         False,
         True,

@@ -10,6 +10,7 @@ from mppi_belief.verify.estimates import standard_error
 from mppi_belief.verify.scenarios import sensing_systems as systems
 from mppi_belief.verify.scenarios import steered_loops as sl
 from mppi_belief.verify.scenarios import steered_platform as platform
+from mppi_belief.verify.scenarios.limited_sensors import limited_sensor_results
 
 pytestmark = pytest.mark.long
 
@@ -63,7 +64,7 @@ def test_the_closed_value_is_the_limit_of_the_control_riccati_recursion(four):
 
 
 def test_rotated_and_limited_sensors(four, x64):
-    checks, panel = cs.limited_sensor_results(four, np.random.default_rng(0))
+    checks, panel = limited_sensor_results(four, np.random.default_rng(0))
     assert holds(checks) == [True, True]
     assert max(line.y[0] for line in panel.lines) > 1
     assert all(np.all(np.diff(line.y) <= 1e-12) and line.y[-1] < 1e-12 for line in panel.lines)

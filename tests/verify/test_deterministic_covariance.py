@@ -18,6 +18,8 @@ from mppi_belief.results.certificate import Certificate
 from mppi_belief.systems import LightDark
 from mppi_belief.verify.certificates import deterministic_covariance as covariance
 from mppi_belief.verify.scenarios import linear_covariance as model
+from mppi_belief.verify.scenarios.covariance_limits import short_step_results
+from mppi_belief.verify.scenarios.covariance_steps import per_step_checks, settled_checks
 
 riccati_step = quick_jit(riccati.riccati_step)
 schedule = quick_jit(gain_schedule, static_argnames="method")
@@ -50,8 +52,8 @@ def test_the_reference_is_the_riccati_equations(x64):
 
 def test_another_process_noise_than_the_filters_is_seen(monkeypatch, quick_x64):
     monkeypatch.setattr(model, "WIND_Q", 1.01 * model.WIND_Q)
-    assert not any(check.holds for check in covariance.short_step_results(schedule)[0][1:])
-    assert not any(check.holds for check in covariance.settled_checks(schedule))
+    assert not any(check.holds for check in short_step_results(schedule)[0][1:])
+    assert not any(check.holds for check in settled_checks(schedule))
 
 
 @pytest.mark.parametrize("part", ["cov", "gain", "diffusion"])
@@ -60,7 +62,7 @@ def test_a_wrong_limit_is_seen(part, quick_x64):
         computed = schedule(*arguments)
         return computed._replace(**{part: getattr(computed, part) * 1.001})
 
-    assert not covariance.short_step_results(wrong)[0][1].holds
+    assert not short_step_results(wrong)[0][1].holds
 
 
 def test_the_diffusion_of_the_measurement_noise_alone_is_seen(monkeypatch, quick_x64):
@@ -72,7 +74,7 @@ def test_the_diffusion_of_the_measurement_noise_alone_is_seen(monkeypatch, quick
 
     filter_step = schedules.filter_step
     monkeypatch.setattr(schedules, "filter_step", wrong)
-    assert [check.holds for check in covariance.per_step_checks(gain_schedule)] == [False, True]
+    assert [check.holds for check in per_step_checks(gain_schedule)] == [False, True]
 
 
 @pytest.mark.parametrize("part", ["gain", "diffusion"])
@@ -87,7 +89,7 @@ def test_a_riccati_schedule_that_is_a_step_late_is_seen(part, quick_x64):
         next_schedule = gain_schedule(problem, next_belief, controls, method)
         return schedule._replace(**{part: getattr(next_schedule, part)})
 
-    assert [check.holds for check in covariance.per_step_checks(late)] == [True, False]
+    assert [check.holds for check in per_step_checks(late)] == [True, False]
 
 
 def test_an_ekf_that_is_not_numpys_recursion_is_seen(monkeypatch, quick_x64):

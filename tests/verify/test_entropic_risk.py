@@ -15,7 +15,7 @@ from helpers import float64
 from mppi_belief.belief.cost import risk_sensitive, running_moments
 from mppi_belief.results.certificate import Certificate, Check
 from mppi_belief.verify.certificates import entropic_risk as er
-from mppi_belief.verify.scenarios import cost_laws, risk_expansions
+from mppi_belief.verify.scenarios import cost_laws, penalty_risk, risk_expansions
 from mppi_belief.verify.scenarios.cost_laws import PlaneLaw, QuadraticLaw, plane_law
 from mppi_belief.verify.scenarios.risk_expansions import (
     belief_beside_obstacle,
@@ -125,14 +125,14 @@ def test_another_third_cumulant_is_seen(x64):
 
 
 def test_a_risk_above_the_supremum_or_one_that_falls_is_seen(penalty, x64):
-    case = er.penalty_expansion(penalty)
-    assert er.bound_checks(case, penalty)[1].holds
+    case = penalty_risk.penalty_expansion(penalty)
+    assert penalty_risk.bound_checks(case, penalty)[1].holds
     above = case._replace(exact=np.append(case.exact[:-1], case.expanded[-1]))
-    assert not er.bound_checks(above, penalty)[1].holds
+    assert not penalty_risk.bound_checks(above, penalty)[1].holds
     falling = case._replace(exact=np.append(case.exact[:-2], case.exact[-3:-1]))
-    assert not er.bound_checks(falling, penalty)[2].holds
+    assert not penalty_risk.bound_checks(falling, penalty)[2].holds
     timid = case._replace(expanded=case.exact)
-    assert not er.bound_checks(timid, penalty)[0].holds
+    assert not penalty_risk.bound_checks(timid, penalty)[0].holds
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -173,7 +173,7 @@ def test_the_entropic_risk_is_bounded_and_grows(penalty, theta, factor):
     mean, *_ = penalty.cumulants()
     here, there = penalty.entropic_risk(theta), penalty.entropic_risk(factor * theta)
     assert mean < here < there < cost_numbers()["w_obs"]
-    assert er.risk_lower_bound(theta) <= here
+    assert penalty_risk.risk_lower_bound(theta) <= here
 
 
 def test_both_ways_of_summing_agree(penalty):
@@ -184,4 +184,6 @@ def test_both_ways_of_summing_agree(penalty):
 
 
 def test_no_crossing_is_no_number(penalty):
-    assert math.isnan(er.crossings(penalty, np.zeros(len(er.THETAS)), 1.0, 1.0)[0])
+    assert math.isnan(
+        penalty_risk.crossings(penalty, np.zeros(len(penalty_risk.THETAS)), 1.0, 1.0)[0]
+    )

@@ -12,7 +12,7 @@ from helpers import float64
 from mppi_belief.results.certificate import Certificate
 from mppi_belief.verify.certificates import joint_covariance as joint
 from mppi_belief.verify.estimates import rms
-from mppi_belief.verify.scenarios import lit_line
+from mppi_belief.verify.scenarios import lit_line, lit_line_paths
 
 pytestmark = pytest.mark.long
 
@@ -49,7 +49,7 @@ def test_a_wrong_filter_or_temperature_shows(setting, monkeypatch):
         monkeypatch.setattr(lit_line, "sensor_noise", lambda system, mean: np.full_like(mean, 4.0))
         assert not verdicts(problem, lit_line.backward_recursion(problem))[0]
         monkeypatch.undo()
-        for module in (joint, lit_line):
+        for module in (joint, lit_line, lit_line_paths):
             monkeypatch.setattr(module, "LIT_TEMPERATURE", 1.1 * module.LIT_TEMPERATURE)
         assert not verdicts(problem, values)[1]
 

@@ -9,22 +9,21 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from ...belief.riccati import kalman_bucy_gain
-from ...matching.sensor import matching_sensor
-from ...matching.weights import matched_weight, residual
 from ...numerics.square_root import psd_factor
 from ...planning import path_integral as pi
 from ...planning import path_weights as pw
 from ...problem import Problem
-from ...results.certificate import Certificate, Check, Line, Panel
-from ..bands import EPSILON, at_most, largest_z, order, rounding
+from ...results.certificate import Certificate, Check
+from ..bands import largest_z, order, rounding
 from ..compilation import quick_jit
 from ..scenarios import steered_loops
+from ..scenarios.limited_sensors import limited_sensor_results
 from ..scenarios.matched_paths import sampled_costs
 from ..scenarios.matched_scalar import SteadySchedule
 from ..scenarios.sensing_systems import (
     SENSING_STEPS,
     SENSING_TEMPERATURE,
+    SYSTEM_SIZES,
     SensingSchedule,
     coarser_problem,
     hamiltonian_value,
@@ -33,16 +32,14 @@ from ..scenarios.sensing_systems import (
     quadratic_bellman_residual,
     quadratic_forms,
     random_sensing_problem,
+    rounding_scale,
     sensing_schedule,
 )
 
-SYSTEM_SIZES = ((2, 2), (3, 2), (4, 2))  # states and controls
 COARSENINGS = (4, 2, 1)  # steps put together, from which orders are observed
-LIMITS = np.append(np.geomspace(0.1, 30.0, 12), 1e6)  # of the sensor; the last is no limit
 PSI_KEYS = 40
 PSI_PATHS = 2000
 SYSTEMS_SEED = 0  # of the systems; the certificate's seed is that of the samples
-SHOWN_TIMES = (0, 2, 8)  # indices of the covariances whose residuals are drawn
 SENSING_TEXT = (
     "The observation matrix is chosen from the covariance so that (15) holds. In random systems of "
     "2, 3 and 4 states its residual is rounding, with a measurement at every step as in continuous "
@@ -79,21 +76,9 @@ def certify(seed: int = 0) -> Certificate:
     )
 
 
-def _rounding_scale(schedules: list[SensingSchedule]) -> tuple[float, float]:
-    """Returns the operations of one solve and the largest condition of a covariance.
-
-    The rounding of a solve grows by this condition.
-    """
-    operations = 4.0 * SYSTEM_SIZES[-1][0] ** 3
-    conditions = [
-        float(np.max(np.linalg.cond(np.asarray(sensing.schedule.cov)))) for sensing in schedules
-    ]
-    return operations, max(conditions)
-
-
 def matched_schedule_checks(schedules: list[SensingSchedule]) -> list[Check]:
     """Returns checks of the residual at all steps, and of the covariance against NumPy."""
-    operations, condition = _rounding_scale(schedules)
+    operations, condition = rounding_scale(schedules)
     covs = [np.asarray(sensing.schedule.cov) for sensing in schedules]
     gaps = [
         np.max(np.abs(cov - matched_covariances(sensing.problem)))
@@ -115,68 +100,13 @@ def matched_schedule_checks(schedules: list[SensingSchedule]) -> list[Check]:
     ]
 
 
-def limited_sensor_results(
-    sensing: SensingSchedule, rng: np.random.Generator
-) -> tuple[list[Check], Panel]:
-    """Returns checks and figure of rotated sensors with a limit, at covariances of the schedule."""
-    rotation, _ = np.linalg.qr(rng.normal(size=(2, 2)))
-    covs = sensing.schedule.cov[1::8]
-    residuals = np.asarray(_limited_residuals(sensing.problem, rotation, LIMITS, covs))
-    operations, condition = _rounding_scale([sensing])
-    checks = [
-        rounding(
-            "4 states, continuous, rotated sensor, no limit: residual of (15)",
-            np.max(residuals[-1]),
-            operations,
-            condition,
-        ),
-        at_most(
-            "the same: largest relative rise of the residual as the limit grows from 0.1",
-            np.max(np.diff(residuals, axis=0) / residuals[:-1]),
-            operations * EPSILON * condition,
-            "rounding: D grows with the limit in the order of matrices",
-        ),
-    ]
-    times = sensing.problem.dt * (1 + 8 * np.arange(residuals.shape[1]))
-    lines = [
-        Line(f"t = {times[k]:.1f}", LIMITS[5:-1].tolist(), residuals[5:-1, k].tolist())
-        for k in SHOWN_TIMES
-    ]
-    panel = Panel(
-        "What a limited sensor leaves of (15)",
-        "largest signal-to-noise ratio of the sensor",
-        "residual ε",
-        lines,
-        "x",
-    )
-    return checks, panel
-
-
-@quick_jit
-def _limited_residuals(problem: Problem, rotation: Array, limits: Array, covs: Array) -> Array:
-    """Returns residuals (limits, covariances) of the continuous D."""
-    G = problem.system.G(problem.prior_mean)
-    noise = problem.system.sigma_o(problem.prior_mean)
-    rotated = noise @ rotation @ jnp.linalg.inv(noise)
-
-    def limited_residual(limit: Array, cov: Array) -> Array:
-        C = rotated @ matching_sensor(
-            jnp.linalg.cholesky(cov), G, problem.cost.R, SENSING_TEMPERATURE, noise, 0.0, limit
-        )
-        _, D = kalman_bucy_gain(cov, C, noise @ noise.T)
-        return residual(D, G, matched_weight(problem.cost.R, SENSING_TEMPERATURE))
-
-    over_covs = jax.vmap(limited_residual, (None, 0))
-    return jax.vmap(over_covs, (0, None))(limits, covs)
-
-
 def value_checks(sensing: SensingSchedule, seed: int) -> list[Check]:
     """Returns checks in four states of V, of (13), and of the sampled Psi."""
     return [
         rounding(
             "4 states: residual of (15), Riccati schedule",
             float(jnp.max(sensing.residuals)),
-            *_rounding_scale([sensing]),
+            *rounding_scale([sensing]),
         ),
         *value_order_checks(sensing),
         _sampled_psi_check(sensing, seed),

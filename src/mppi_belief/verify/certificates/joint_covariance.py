@@ -19,8 +19,8 @@ from ..scenarios.lit_line import (
     exact_step,
     joint_bellman_residual,
     lit_problem,
-    sample_plan,
 )
+from ..scenarios.lit_line_paths import sample_plan
 
 RECURSION_STEPS = (4, 8, 16, 32)  # steps of the recursion
 JOINT_STARTS = ((-0.6, 0.7), (0.4, 0.6))  # mean and standard deviation of the sampled beliefs

@@ -4,6 +4,8 @@ Proposition 3 requires range(D_t) to be contained in, or equal to, range(G_t); T
 5 and Theorem 6 require D_t = lambda G_t R^-1 G_t' (15).
 """
 
+from collections.abc import Iterable
+
 import jax
 import numpy as np
 from jax import Array
@@ -29,15 +31,19 @@ def matching_conditions(
     problem: Problem, path: TrialPath, temperature: float
 ) -> tuple[list[Check], str]:
     """Returns Proposition 3 and (15) at every step, and in words what they mean together."""
-    means = path.schedule.mean[:-1]
     D = path.schedule.diffusion
-    G = jax.vmap(problem.system.G)(means)
-    given_weight = matched_weight(problem.cost.R, temperature)
-    least, given = (
-        np.array([_weight_residual(d, g, W) for d, g, W in zip(D, G, weights, strict=True)])
-        for weights in (jax.vmap(best_weight)(D, G), [given_weight] * len(D))
-    )
+    G = jax.vmap(problem.system.G)(path.schedule.mean[:-1])
+    checks = [
+        *_feasibility_checks(problem, path, D, G),
+        *_weight_checks(problem, D, G, matched_weight(problem.cost.R, temperature)),
+    ]
+    return checks, _reading(checks, steps_without_diffusion=int(np.sum(~np.any(D, axis=(1, 2)))))
+
+
+def _feasibility_checks(problem: Problem, path: TrialPath, D: Array, G: Array) -> list[Check]:
+    """Checks Proposition 3 for D (T, nx, nx) and G (T, nx, nu)."""
     operations = schedule_operations(problem)
+    least = _weight_residuals(D, G, jax.vmap(best_weight)(D, G))
 
     # The gain's range is that of D = K R_o K', and rounding does not square its rank.
     gains = np.asarray(path.schedule.gain)
@@ -45,9 +51,7 @@ def matching_conditions(
         [numerical_rank(K) == numerical_rank(g) for K, g in zip(gains, np.asarray(G), strict=True)]
     )
     equal_ranges = equal_ranks & (least <= operations * EPSILON)
-
-    Q = problem.system.H @ problem.system.H.T
-    checks = [
+    return [
         rounding(
             "Proposition 3(i): largest eps* over the steps, 0 if range(D) is in range(G)",
             np.max(least),
@@ -61,9 +65,17 @@ def matching_conditions(
             0.0,
             "a count",
         ),
+    ]
+
+
+def _weight_checks(problem: Problem, D: Array, G: Array, W: Array) -> list[Check]:
+    """Checks (15) with the given W = lambda R^-1, and with the best single W for all steps."""
+    operations = schedule_operations(problem)
+    Q = problem.system.H @ problem.system.H.T
+    return [
         rounding(
             "(15) with this lambda and R: largest residual over the steps",
-            np.max(given),
+            np.max(_weight_residuals(D, G, [W] * len(D))),
             operations,
         ),
         at_most(
@@ -74,11 +86,15 @@ def matching_conditions(
         ),
         rounding(
             "Remark 1: residual of Q = lambda G R^-1 G', the state being known",
-            _weight_residual(Q, G[0], given_weight),
+            _weight_residual(Q, G[0], W),
             operations,
         ),
     ]
-    return checks, _reading(checks, steps_without_diffusion=int(np.sum(~np.any(D, axis=(1, 2)))))
+
+
+def _weight_residuals(D: Array, G: Array, weights: Iterable[Array]) -> np.ndarray:
+    """Returns the residuals of (15) (T,) with a weight (nu, nu) for each step."""
+    return np.array([_weight_residual(d, g, W) for d, g, W in zip(D, G, weights, strict=True)])
 
 
 def _weight_residual(D: Array, G: Array, W: Array) -> float:

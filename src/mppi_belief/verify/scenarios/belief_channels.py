@@ -1,6 +1,9 @@
 """The channels (6a)(6b) of control and innovation, and one step of the grid filter.
 
-dpi = a^u(pi) dt + b(pi) dy~,   a^u = a^0 - (G u pi)',   b = pi (c - pi(c)) R_o^-1
+    dpi = a^u(pi) dt + b(pi) dy~,   a^u = a^0 - (G u pi)',   b = pi (c - pi(c)) R_o^-1
+
+Both channels conserve the mass. The first moves the mean by E[f + G u], the second by the gain of
+(8a).
 """
 
 from dataclasses import replace

@@ -123,34 +123,21 @@ def time_order_checks(seed: int) -> list[Check]:
     y = simulate(jnp.arange(LINEAR_PATHS))
     dy = np.asarray(y)[..., 0].T * problem.dt
     exact = kalman_bucy_moments(problem, dy)
-
-    # Errors of ever shorter steps, at the times of the longest.
-    means = []
-    variances = []
-    shared_times = slice(None, None, FINE_STEPS // FILTER_STEPS[0])
-    for steps in FILTER_STEPS:
-        coarse = linear_problem(LINE_A, LINE_DURATION, steps)
-        summed = dy.reshape(steps, -1, LINEAR_PATHS).sum(axis=1)
-        sampled = extrapolated_moments(
-            *(grid_filter_moments(coarse, cells, summed) for cells in (120, 240))
-        )
-        smooth_dy = smooth_measurements(coarse) * coarse.dt
-        smooth = extrapolated_moments(
-            *(grid_filter_moments(coarse, cells, smooth_dy) for cells in (240, 480))
-        )
-        every = slice(None, None, steps // FILTER_STEPS[0])
-        means.append(rms_over(sampled.mean[every] - exact.mean[shared_times], axis=0))
-        variances.append(float(rms(smooth.variance[every] - exact.variance[shared_times])))
+    errors = [_errors_in_steps(steps, dy, exact) for steps in FILTER_STEPS]
+    mean_errors = [mean for mean, _ in errors]
+    variance_errors = [variance for _, variance in errors]
 
     # The order of each path's error, and its mean over the paths.
-    orders = np.array([observed_orders(list(path)) for path in np.transpose(means)]).T
+    orders = np.array([observed_orders(list(path)) for path in np.transpose(mean_errors)]).T
     error = orders[-1].std(ddof=1) / np.sqrt(LINEAR_PATHS)
     # Errors are C dt (1 + O(dt times the rate at which the filter forgets)).
     forgetting = abs(LINE_A) + LINE_C**2 * exact.variance.max() / SIGMA_O**2
     bias = forgetting * LINE_DURATION / FILTER_STEPS[-2]
     return [
         order(
-            "c linear: order in dt of the grid's variance against Kalman-Bucy (8b)", 1, variances
+            "c linear: order in dt of the grid's variance against Kalman-Bucy (8b)",
+            1,
+            variance_errors,
         ),
         within_errors(
             "c linear: order in dt of the grid's mean against Kalman-Bucy (8a), mean over paths",
@@ -161,3 +148,24 @@ def time_order_checks(seed: int) -> list[Check]:
             float(bias),
         ),
     ]
+
+
+def _errors_in_steps(steps: int, dy: Reals, exact: Moments) -> tuple[Reals, float]:
+    """Returns RMS errors of the grid filter in `steps` steps: of mean (P,) and variance ().
+
+    `dy` (FINE_STEPS, P) are the increments of the paths and `exact` the moments of Kalman-Bucy;
+    errors are taken at the times of the coarsest filter.
+    """
+    problem = linear_problem(LINE_A, LINE_DURATION, steps)
+    summed = dy.reshape(steps, -1, LINEAR_PATHS).sum(axis=1)
+    sampled = extrapolated_moments(
+        *(grid_filter_moments(problem, cells, summed) for cells in (120, 240))
+    )
+    smooth_dy = smooth_measurements(problem) * problem.dt
+    smooth = extrapolated_moments(
+        *(grid_filter_moments(problem, cells, smooth_dy) for cells in (240, 480))
+    )
+    every = slice(None, None, steps // FILTER_STEPS[0])
+    every_exact = slice(None, None, FINE_STEPS // FILTER_STEPS[0])
+    mean_error = rms_over(sampled.mean[every] - exact.mean[every_exact], axis=0)
+    return mean_error, float(rms(smooth.variance[every] - exact.variance[every_exact]))

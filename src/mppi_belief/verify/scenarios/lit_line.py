@@ -10,8 +10,6 @@ expectation of exp(-S / lambda) over paths of mu along which Sigma is propagated
 recursion over (mu, log Sigma) computes Psi and the control by quadrature and splines.
 """
 
-from typing import NamedTuple
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -20,12 +18,8 @@ from numpy.polynomial.hermite_e import hermegauss
 from scipy.interpolate import RectBivariateSpline
 
 from ...belief.cost import expected_terminal, risk_sensitive
-from ...belief.gaussian import RootBelief
 from ...costs import GoalObstacleCost
 from ...obstacles import Obstacles
-from ...planning import path_integral as pi
-from ...planning.path_costs import RiskSensitive
-from ...planning.schedules import PerPathCovariance
 from ...problem import Problem
 from ...structs import number, struct
 from ..compilation import quick_jit
@@ -33,13 +27,10 @@ from ..compilation import quick_jit
 LIT_DURATION = 0.8
 LIT_THETA = 0.5
 LIT_TEMPERATURE = 0.6
-LIT_PATHS = 1 << 16
 LIT_MEANS = np.linspace(-4.5, 4.5, 91)
 LIT_VARIANCES = np.geomspace(0.01, 1.6, 36)
-INSIDE = (
-    slice(35, 61),
-    slice(18, 33),
-)  # of LIT_MEANS x LIT_VARIANCES, where the equation is examined
+# Of LIT_MEANS x LIT_VARIANCES, where the equation is examined.
+INSIDE = (slice(35, 61), slice(18, 33))
 LIT_NODES = 16  # of the Gauss-Hermite rule
 
 
@@ -71,16 +62,6 @@ class LitLine:
 
 LIT_LINE = LitLine(0.4, 0.5, 0.4, 1.5)
 LogPsi = list[RectBivariateSpline]  # log Psi over (mu, log Sigma) at steps 1..H
-
-
-class SampledPlan(NamedTuple):
-    """Holds what the package's paths give at one belief."""
-
-    psi: float
-    psi_error: float  # standard error
-    control: float  # the first one
-    control_error: float  # standard error
-    shared: float  # V with one covariance for all paths, less V
 
 
 def lit_problem(steps: int) -> Problem:
@@ -176,50 +157,3 @@ def joint_bellman_residual(problem: Problem, values: LogPsi) -> np.ndarray:
     rate = running_risk(problem, mu.ravel(), variance.ravel()).reshape(mu.shape)
     right_side = rate - 0.5 * gradient**2 + riccati * V_Sigma + 0.5 * LIT_TEMPERATURE * hessian
     return (V_next - V) / problem.dt + right_side
-
-
-def sample_plan(problem: Problem, mean: float, std: float, key: Array) -> SampledPlan:
-    """Returns Psi and the first control from the package's own paths."""
-    increments, costs, shared_costs = (
-        np.asarray(part)
-        for part in _sampled_paths(problem, jnp.array([mean]), jnp.array([[std]]), key)
-    )
-    w = np.exp(-costs / LIT_TEMPERATURE)
-    psi = w.mean()
-    control = (w @ increments) / w.sum()
-    shared_psi = np.mean(np.exp(-shared_costs / LIT_TEMPERATURE))
-    mean_square = np.mean((w * (increments - control)) ** 2)
-    return SampledPlan(
-        psi=psi,
-        psi_error=w.std(ddof=1) / np.sqrt(len(w)),
-        control=control,
-        control_error=np.sqrt(mean_square / len(w)) / psi,
-        shared=LIT_TEMPERATURE * np.log(psi / shared_psi),
-    )
-
-
-@quick_jit
-def _sampled_paths(
-    problem: Problem, mean: Array, root: Array, key: Array
-) -> tuple[Array, Array, Array]:
-    """Returns first increments and costs of paths, each (N,).
-
-    The first costs are with a covariance for each path, the second with that of the uncontrolled
-    path for all.
-    """
-    start = RootBelief(mean, root)
-    no_controls = jnp.zeros((problem.steps, 1))
-    plan = PerPathCovariance().plan(problem, RiskSensitive(LIT_THETA), start, no_controls)
-    normals = pi.normals(key, (problem.steps, 1, LIT_PATHS), False)
-    increments = pi.matched_increments(problem, normals, LIT_TEMPERATURE, None)
-    costs, means = plan.costs(increments, None)
-    shared_costs = pi.accumulated_costs(
-        problem,
-        mean,
-        means,
-        plan.cov,
-        True,
-        lambda mu, cov: risk_sensitive(problem, mu, cov, LIT_THETA),
-        lambda mu, cov: expected_terminal(problem, mu, cov),
-    )
-    return increments[0, 0], costs, shared_costs

@@ -36,6 +36,7 @@ from ..compilation import quick_jit
 SENSING_TEMPERATURE = 0.7  # lambda
 SENSING_DURATION = 2.0  # T
 SENSING_STEPS = 80
+SYSTEM_SIZES = ((2, 2), (3, 2), (4, 2))  # states and controls
 
 
 class SensingSchedule(NamedTuple):
@@ -192,3 +193,15 @@ def hamiltonian_value(problem: Problem) -> tuple[np.ndarray, float]:
     # d/dt log det X = tr(A - G R^-1 G' P), and X(T) = I.
     log_determinant = float(np.trace(A) * duration + np.linalg.slogdet(X)[1])
     return Y @ np.linalg.inv(X), 0.5 * SENSING_TEMPERATURE * log_determinant
+
+
+def rounding_scale(schedules: list[SensingSchedule]) -> tuple[float, float]:
+    """Returns the operations of one solve and the largest condition of a covariance.
+
+    The rounding of a solve grows by this condition.
+    """
+    operations = 4.0 * SYSTEM_SIZES[-1][0] ** 3
+    conditions = [
+        float(np.max(np.linalg.cond(np.asarray(sensing.schedule.cov)))) for sensing in schedules
+    ]
+    return operations, max(conditions)

@@ -108,50 +108,75 @@ def loop_checks(
     best: float,
 ) -> list[Check]:
     """Returns checks of loops with the matched sensor and forms with the limited one."""
-    few, many = STEERED_SAMPLES
-    degrees = STEERED_TRIALS - 1
-    both = f"N = {few} and {many}"
     forms = [loop.form for loop in loops]
+    return [
+        _martingale_check(loops, best),
+        _form_check(forms, predicted),
+        _rate_check(forms, predicted),
+        *_limit_checks(forms, limited, predicted),
+    ]
 
-    # Cost less form is the optimal cost.
-    cost_gaps = [(loop.cost - loop.form).mean() - best for loop in loops]
-    cost_errors = [standard_error(loop.cost - loop.form) for loop in loops]
 
-    # The form is c/N, up to the next term.
+def _both_sizes() -> str:
+    few, many = STEERED_SAMPLES
+    return f"N = {few} and {many}"
+
+
+def _martingale_check(loops: Sequence[SteeredLoops], best: float) -> Check:
+    """Checks that cost less form is the optimal cost."""
+    gaps = [(loop.cost - loop.form).mean() - best for loop in loops]
+    errors = [standard_error(loop.cost - loop.form) for loop in loops]
+    return largest_z(
+        f"platform: cost less Σ ½ e'Se less the optimal cost, {_both_sizes()}",
+        np.array(gaps) / errors,
+        STEERED_TRIALS - 1,
+    )
+
+
+def _form_check(forms: Sequence[np.ndarray], predicted: PlatformExcess) -> Check:
+    """Checks that the form is c/N, up to the next term."""
     expected = predicted.per_sample / np.array(STEERED_SAMPLES)
     next_terms = predicted.next_term / np.array(STEERED_SAMPLES)
     means = np.array([form.mean() for form in forms])
     errors = np.array([standard_error(form) for form in forms])
     unexplained = np.maximum(np.abs(means - expected) - expected * next_terms, 0) / errors
+    return largest_z(
+        f"platform: Σ ½ e'Se less c/N, {_both_sizes()}, next term allowed for",
+        unexplained,
+        STEERED_TRIALS - 1,
+    )
 
-    # The rate between both N.
+
+def _rate_check(forms: Sequence[np.ndarray], predicted: PlatformExcess) -> Check:
+    """Checks d log excess / d log N between both N."""
+    few, many = STEERED_SAMPLES
+    few_mean, many_mean = (form.mean() for form in forms)
     span = math.log(many / few)
-    slope = math.log(means[1] / means[0]) / math.log(many / few)
-    slope_spread = quantile(1, degrees) * standard_error(forms[1] / means[1] - forms[0] / means[0])
+    relative_error = standard_error(forms[1] / many_mean - forms[0] / few_mean)
+    spread = quantile(1, STEERED_TRIALS - 1) * relative_error
+    next_terms = predicted.next_term / np.array(STEERED_SAMPLES)
+    return near(
+        f"platform: slope of log excess over log N, {_both_sizes()}",
+        math.log(many_mean / few_mean) / span,
+        -1.0,
+        (spread + next_terms[0]) / span,
+        "1/N; standard errors, and the next term at the smaller N",
+    )
 
-    # The limit for N -> infinity, with each sensor.
+
+def _limit_checks(
+    forms: Sequence[np.ndarray], limited: Sequence[np.ndarray], predicted: PlatformExcess
+) -> list[Check]:
+    """Checks the excess for N -> infinity with each sensor."""
+    few, many = STEERED_SAMPLES
+    degrees = STEERED_TRIALS - 1
     limit = infinite_sample_excess(forms)
     limited_limit = infinite_sample_excess(limited)
     allowed = predicted.per_sample * predicted.next_term / few / many
     lowest = limited_limit.mean() - quantile(1, degrees) * standard_error(limited_limit)
     return [
-        largest_z(
-            f"platform: cost less Σ ½ e'Se less the optimal cost, {both}",
-            np.array(cost_gaps) / cost_errors,
-            degrees,
-        ),
-        largest_z(
-            f"platform: Σ ½ e'Se less c/N, {both}, next term allowed for", unexplained, degrees
-        ),
-        near(
-            f"platform: slope of log excess over log N, {both}",
-            slope,
-            -1.0,
-            (slope_spread + next_terms[0]) / span,
-            "1/N; standard errors, and the next term at the smaller N",
-        ),
         within_errors(
-            f"platform: excess for N → ∞, {both}",
+            f"platform: excess for N → ∞, {_both_sizes()}",
             limit.mean(),
             0.0,
             standard_error(limit),
