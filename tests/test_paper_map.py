@@ -13,7 +13,7 @@ A_FUNCTION = re.compile(r"[a-z_]\w*(\.\w+)+")
 
 
 def code_words(document: Path) -> list[str]:
-    """The words in backticks of a document."""
+    """Return the words in backticks of a document."""
     return re.findall(r"`([^`\n]+)`", document.read_text())
 
 

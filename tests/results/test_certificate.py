@@ -45,7 +45,8 @@ def test_bands_as_text():
 
 
 def test_a_certificate_holds_if_all_its_checks_do():
-    good, bad = at_most("x", 0, 1, ""), at_most("x", 2, 1, "")
+    good = at_most("x", 0, 1, "")
+    bad = at_most("x", 2, 1, "")
     assert Certificate("n", "s", "t", [good, good]).holds
     assert not Certificate("n", "s", "t", [good, bad]).holds
     assert not Certificate("n", "s", "t", []).holds

@@ -1,4 +1,4 @@
-"""Theorem 1: its certificate, that it can fail, and the part outside the tangent space of the means."""
+"""Theorem 1: its certificate, that it can fail, and the part outside the mean tangent space."""
 
 import jax
 import jax.numpy as jnp
@@ -26,7 +26,7 @@ tangent_part = quick_jit(outside_mean_tangent, static_argnums=0)
 
 
 def check_named(checks: list[Check], start: str) -> Check:
-    """The check whose text starts so."""
+    """Return the check whose text starts so."""
     (named,) = [check for check in checks if check.computed.startswith(start)]
     return named
 
@@ -95,7 +95,7 @@ def test_the_information_of_another_slope_is_caught(x64, monkeypatch):
 
 
 def test_the_fisher_information_is_the_variance_of_the_score(x64, rng):
-    """Monte Carlo: the covariance of d log p(y | x) / dx, position and noise level together."""
+    """Compare with the covariance of d log p(y | x) / dx, by Monte Carlo."""
     problem = noise_information.one_step_problem("sample", 0.1)
     x = jnp.array([3.0, 1.0, 0.2, 0.1])
     R = measurement_cov(problem, x)
@@ -117,14 +117,15 @@ def test_the_fisher_information_is_the_variance_of_the_score(x64, rng):
 
 @quick_jit
 def affine_part(A, b, mean, cov, points):
-    """By nodes that are no rule at all."""
+    """Return the part outside by nodes that are no quadrature rule."""
     return outside_mean_tangent(lambda x: A @ x + b, mean, cov, (points, jnp.full(50, 0.02)))
 
 
 @settings(max_examples=30, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.sampled_from([(1, 1), (2, 8)]))
 def test_an_affine_observation_leaves_nothing_on_any_nodes(seed, shape):
-    rng, (ny, nx) = np.random.default_rng(seed), shape
+    rng = np.random.default_rng(seed)
+    ny, nx = shape
     A = rng.normal(size=shape)
     with float64():
         part, slope = affine_part(
@@ -134,15 +135,17 @@ def test_an_affine_observation_leaves_nothing_on_any_nodes(seed, shape):
             random_spd(rng, nx),
             rng.normal(size=(50, nx)),
         )
-        part, slope = float(part), np.asarray(slope)
+        part = float(part)
+        slope = np.asarray(slope)
     # 50 nodes: 200 operations, over |A| of at least 1e-3 but for a chance of 1e-3 squared
     assert part < (200 * 2.2e-16 * 1e4) ** 2
     np.testing.assert_allclose(slope, A, atol=1e-11)
 
 
 def test_quadratics_in_two_dimensions_have_their_closed_form(x64):
-    """c = p'p / 2 under N(mu, Sigma): A = mu', Var = mu' Sigma mu + tr(Sigma^2) / 2."""
-    mean, cov = jnp.array([1.0, -0.4]), jnp.array([[0.5, 0.1], [0.1, 0.3]])
+    """Take c = p'p / 2 under N(mu, Sigma): A = mu', Var = mu' Sigma mu + tr(Sigma^2) / 2."""
+    mean = jnp.array([1.0, -0.4])
+    cov = jnp.array([[0.5, 0.1], [0.1, 0.3]])
     part, slope = tangent_part(lambda x: 0.5 * (x @ x)[None], mean, cov)
     outside = 0.5 * jnp.trace(cov @ cov)
     assert part == pytest.approx(float(outside / (mean @ cov @ mean + outside)), rel=1e-10)
@@ -150,7 +153,8 @@ def test_quadratics_in_two_dimensions_have_their_closed_form(x64):
 
 
 def test_many_states_go_by_a_fixed_point_set(x64):
-    mean, cov = jnp.full(7, 0.5), 0.09 * jnp.eye(7)
+    mean = jnp.full(7, 0.5)
+    cov = 0.09 * jnp.eye(7)
     part, slope = tangent_part(lambda x: x[:1] ** 2, mean, cov)
     # the closed form of a square: 2 s^4 / (4 mu^2 s^2 + 2 s^4); 2^14 points know it to a percent
     assert part == pytest.approx(0.18 / 1.18, rel=0.02)

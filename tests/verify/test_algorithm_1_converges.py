@@ -1,4 +1,4 @@
-"""Algorithm 1 in closed loop: the certificate holds, fails where it should, and its Gaussian integrals are right."""
+"""Algorithm 1 in closed loop: its certificate, that it can fail, and its Gaussian integrals."""
 
 import dataclasses
 import math
@@ -36,7 +36,7 @@ def expected() -> scalar.PredictedExcess:
 
 
 def forms_like(excess: np.ndarray) -> np.ndarray:
-    """Quadratic forms (samples, trials) with these means, skewed as sums of squares are."""
+    """Draw quadratic forms (samples, trials) with these means, skewed as sums of squares are."""
     draws = np.random.default_rng(0).gamma(4, 0.25, size=(len(excess), TRIALS))
     return excess[:, None] * draws / draws.mean(axis=1, keepdims=True)
 
@@ -100,8 +100,12 @@ def test_a_controller_that_is_not_the_optimum_is_seen(x64):
     mean = np.ones((10, scalar.SCALAR_STEPS))
     best = scalar.scalar_optimal_cost(problem, optimum, scalar.filter_law(problem)[0])
     costs = best + np.linspace(-1, 1, 10)
-    off = ScalarLoops(costs, mean, -(optimum.gain + 1e-6) * mean)
-    assert [c.holds for c in a1.optimum_checks(problem, optimum, best, off)] == [True, False, True]
+    wrong_gain = ScalarLoops(costs, mean, -(optimum.gain + 1e-6) * mean)
+    assert [c.holds for c in a1.optimum_checks(problem, optimum, best, wrong_gain)] == [
+        True,
+        False,
+        True,
+    ]
     wrong = optimum._replace(gain=optimum.gain * (1 + 1e-6))
     right = ScalarLoops(costs + 10, mean, -wrong.gain * mean)
     assert [c.holds for c in a1.optimum_checks(problem, wrong, best, right)] == [
@@ -113,17 +117,15 @@ def test_a_controller_that_is_not_the_optimum_is_seen(x64):
 
 @pytest.mark.parametrize("tau", [1.0, 0.5])
 def test_the_tilted_paths_are_those_of_the_reference(tau, monkeypatch):
-    """Against the precision matrix of all increments at once."""
-    a, b, q, q_T, dt, steps, D, mean = (
-        0.3,
-        scalar.CONTROL_GAIN,
-        scalar.STATE_WEIGHT,
-        1.7,
-        scalar.SCALAR_DT,
-        6,
-        0.4,
-        1.1,
-    )
+    """Compare with the precision matrix of all increments at once."""
+    a = 0.3
+    b = scalar.CONTROL_GAIN
+    q = scalar.STATE_WEIGHT
+    q_T = 1.7
+    dt = scalar.SCALAR_DT
+    steps = 6
+    D = 0.4
+    mean = 1.1
     monkeypatch.setattr(scalar, "DRIFT", a)
     exact = reference.gaussian_paths(a, b, D, q, q_T, mean, dt, steps, tau)
     tilt = scalar.weighted_paths(np.full((1, steps), D), q_T, tau)
@@ -134,10 +136,12 @@ def test_the_tilted_paths_are_those_of_the_reference(tau, monkeypatch):
 
 
 def test_the_optimal_cost_is_that_of_the_joint_second_moments(x64):
-    """Of the state and its estimate, step by step."""
+    """Propagate the moments of the state and its estimate, step by step."""
     problem, optimum = scalar.stationary_problem()
     covs, innovations = scalar.filter_law(problem)
-    R, B, K = float(problem.cost.R[0, 0]), scalar.CONTROL_GAIN * scalar.SCALAR_DT, optimum.gain
+    R = float(problem.cost.R[0, 0])
+    B = scalar.CONTROL_GAIN * scalar.SCALAR_DT
+    K = optimum.gain
     square = float(problem.prior_mean[0]) ** 2  # E mu^2; E x^2 is that and the covariance
     cost = 0.0
     for cov, innovation in zip(covs, innovations, strict=True):
@@ -149,15 +153,14 @@ def test_the_optimal_cost_is_that_of_the_joint_second_moments(x64):
 
 
 def test_the_prediction_is_the_spread_of_a_ratio_of_averages(x64):
-    """Of the first control alone, from paths sampled in NumPy; the mean it starts from is known."""
+    """Sample the paths of the first control in NumPy, from a known mean."""
     problem, optimum = scalar.stationary_problem()
     covs, innovations = (part[:1] for part in scalar.filter_law(problem))
     predicted = scalar.predicted_excess(problem, optimum, covs, innovations)
-    D, rng = scalar.planned_diffusions(problem, covs)[0], np.random.default_rng(0)
-    pushed, B = (
-        np.sqrt(D * scalar.SCALAR_DT)[:, None] * rng.normal(size=(len(D), 400_000)),
-        scalar.CONTROL_GAIN * scalar.SCALAR_DT,
-    )
+    D = scalar.planned_diffusions(problem, covs)[0]
+    rng = np.random.default_rng(0)
+    pushed = np.sqrt(D * scalar.SCALAR_DT)[:, None] * rng.normal(size=(len(D), 400_000))
+    B = scalar.CONTROL_GAIN * scalar.SCALAR_DT
     mu = 1 + np.vstack([0 * pushed[:1], np.cumsum(pushed, axis=0)])
     w = np.exp(
         -0.5 * scalar.STATE_WEIGHT * scalar.SCALAR_DT * np.sum(mu[:-1] ** 2, axis=0)

@@ -1,4 +1,4 @@
-"""The certificate of (5)(6): it holds, and each of its parts fails where the statement is broken."""
+"""The certificate of (5)(6): it holds, and its parts fail where the statement is broken."""
 
 from collections.abc import Callable
 
@@ -52,11 +52,12 @@ def unnormalised_gain(on, p, c, R_o):
     return 2 * kushner_channel(on, p, c, R_o)
 
 
-kushner_channel, kushner_observe = kushner.diffusion_channel, kushner.observe
+kushner_channel = kushner.diffusion_channel
+kushner_observe = kushner.observe
 
 
 def not_ito(on, p, c, R_o, dy, dt):
-    """Without the correction -c^2 dt / 2 R_o."""
+    """Apply Bayes' rule without the correction -c^2 dt / 2 R_o."""
     return kushner_observe(on, p, c, R_o, dy, 0.0)
 
 
@@ -111,7 +112,7 @@ def test_another_gain_than_kalman_bucys_is_seen(monkeypatch, quick_x64):
 
 
 def test_the_kalman_bucy_path_is_an_integrators(quick_x64):
-    """Increments that arrive evenly within each step make it an ordinary differential equation."""
+    """Integrate the equation, which is ordinary if increments arrive evenly in each step."""
     dy = np.random.default_rng(0).normal(size=(CONTROL_PIECES, 2)) * 0.2
     errors = []
     for finer in (8, 16):
@@ -144,17 +145,23 @@ CURVED = np.array(curved.CURVATURES)[:, None, None]
 SHAPE = (len(CURVED), curved.CURVED_PATHS, curved.CURVED_STEPS + 1)
 
 
-def made_up(error: Callable[[np.ndarray], np.ndarray]) -> list[Check]:
-    """The checks of an extended Kalman filter whose mean and variance err by `error` of kappa."""
+def checks_of_errors(error: Callable[[np.ndarray], np.ndarray]) -> list[Check]:
+    """Return the checks of an EKF whose mean and variance err by `error` of kappa."""
     exact = Moments(np.zeros(SHAPE), np.ones(SHAPE))
     approximate = Moments(*(part + error(CURVED) * np.ones(SHAPE) for part in exact))
     return curved.ekf_checks(approximate, exact, Moments(*np.full((2, *SHAPE), 1e-5)))
 
 
 def test_another_order_in_the_curvature_is_seen():
-    assert all(check.holds for check in made_up(lambda kappa: 0.1 * kappa * (1 - kappa)))
-    assert [check.holds for check in made_up(lambda kappa: 0.1 * kappa**2)] == [False, False, True]
-    assert [check.holds for check in made_up(lambda kappa: 1e-7 * kappa * (1 - kappa))] == [
+    assert all(check.holds for check in checks_of_errors(lambda kappa: 0.1 * kappa * (1 - kappa)))
+    assert [check.holds for check in checks_of_errors(lambda kappa: 0.1 * kappa**2)] == [
+        False,
+        False,
+        True,
+    ]
+    assert [
+        check.holds for check in checks_of_errors(lambda kappa: 1e-7 * kappa * (1 - kappa))
+    ] == [
         True,
         True,
         False,
@@ -162,7 +169,8 @@ def test_another_order_in_the_curvature_is_seen():
 
 
 def test_a_particle_filter_that_is_off_is_seen():
-    rng, exact = np.random.default_rng(0), Moments(np.zeros(SHAPE), np.ones(SHAPE))
+    rng = np.random.default_rng(0)
+    exact = Moments(np.zeros(SHAPE), np.ones(SHAPE))
     own = Moments(*np.full((2, *SHAPE), 1e-5))
     for bias, holds in ((0.0, True), (0.1, False)):
         noise = rng.normal(size=(2, len(curved.PARTICLE_CURVATURES), *SHAPE[1:2], 1)) * 0.05
@@ -174,7 +182,7 @@ def test_a_particle_filter_that_is_off_is_seen():
 
 def test_weights_of_another_measurement_noise_are_seen(monkeypatch, x64):
     cov = particle.measurement_cov
-    monkeypatch.setattr(particle, "measurement_cov", lambda *at: 1.1 * cov(*at))
+    monkeypatch.setattr(particle, "measurement_cov", lambda *arguments: 1.1 * cov(*arguments))
     monkeypatch.setattr(curved, "CURVATURES", (0.4,))
     monkeypatch.setattr(curved, "PARTICLE_CURVATURES", [0])
     check = curved.particle_check(curved.curved_results(0))
@@ -184,7 +192,8 @@ def test_weights_of_another_measurement_noise_are_seen(monkeypatch, x64):
 
 def test_from_where_the_extended_kalman_filter_is_worse():
     def panel(*errors):
-        kappa, none = [0.1, 0.2, 0.4], Line("", [], [])
+        kappa = [0.1, 0.2, 0.4]
+        none = Line("", [], [])
         return Panel(
             "",
             "",
@@ -199,15 +208,18 @@ def test_from_where_the_extended_kalman_filter_is_worse():
 
 
 def test_the_extended_kalman_filter_is_the_plain_one_on_a_curved_measurement(x64):
-    problem, y = curved.curved_problem(0.8), 0.5 + np.sin(np.arange(curved.CURVED_STEPS))[:, None]
+    problem = curved.curved_problem(0.8)
+    y = 0.5 + np.sin(np.arange(curved.CURVED_STEPS))[:, None]
     mean, variance = quick_jit(
         lambda y: filter_moments(problem, mb.EKF(), y, jnp.zeros(2, jnp.uint32))
     )(jnp.asarray(y))
-    at, cov, dt = np.array([PRIOR_MEAN]), np.array([[PRIOR_STD**2]]), problem.dt
+    estimate = np.array([PRIOR_MEAN])
+    cov = np.array([[PRIOR_STD**2]])
+    dt = problem.dt
     noise = np.array([[0.3**2 / dt]])
     for k, u in enumerate(cosine_controls(curved.CURVED_STEPS)):
-        at, cov = reference.kalman_step(
-            at,
+        estimate, cov = reference.kalman_step(
+            estimate,
             cov,
             y[k],
             lambda x, u=u: x + u * dt,
@@ -215,4 +227,6 @@ def test_the_extended_kalman_filter_is_the_plain_one_on_a_curved_measurement(x64
             np.array([[0.5**2 * dt]]),
             lambda x: noise,
         )
-        np.testing.assert_allclose([mean[k + 1], variance[k + 1]], [at[0], cov[0, 0]], rtol=1e-8)
+        np.testing.assert_allclose(
+            [mean[k + 1], variance[k + 1]], [estimate[0], cov[0, 0]], rtol=1e-8
+        )

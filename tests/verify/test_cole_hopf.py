@@ -1,4 +1,4 @@
-"""Theorem 4's certificate: that it holds, and that it fails where the theorem or the package would."""
+"""Theorem 4's certificate: it holds, and it fails where the theorem or the package would."""
 
 from collections.abc import Iterator
 
@@ -128,6 +128,6 @@ def test_costs_do_not_depend_on_the_block_they_are_computed_in(setting, monkeypa
     terms = setting[2]
     with float64():
         mu = np.linspace(-3, 3, 10)
-        whole = terms.running(mu)
+        expected = terms.running(mu)
         monkeypatch.setattr("mppi_belief.verify.scenarios.matched_scalar.COST_BLOCK", 4)
-        np.testing.assert_allclose(terms.running(mu), whole, rtol=1e-14)
+        np.testing.assert_allclose(terms.running(mu), expected, rtol=1e-14)

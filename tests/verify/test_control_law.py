@@ -1,4 +1,4 @@
-"""Theorem 6's certificate: that it holds, and that it fails where the theorem or the package would."""
+"""Theorem 6's certificate: it holds, and it fails where the theorem or the package would."""
 
 from collections.abc import Iterator
 
@@ -96,8 +96,10 @@ def test_another_temperature_shows_in_the_samples(setting):
 
 
 def test_bias_and_variance_of_the_estimate_are_those_of_samples(rng):
-    """One step, in NumPy: N = 100, of which the next order in 1 / N is a hundredth of these."""
-    N, batches, mean = 100, 20_000, -0.5
+    """Sample one step in NumPy; N = 100, so that the next order in 1 / N is a hundredth."""
+    N = 100
+    batches = 20_000
+    mean = -0.5
     with float64():
         matched = matched_problem(steps=1)
         terms = scalar_equation(matched, steady_schedule(matched.problem, matched.cov))
@@ -121,7 +123,8 @@ def test_the_diffusion_of_the_double_integrator_has_rank_one(double_integrator):
     assert set(np.asarray(along.ranks)) == {1}
     assert np.linalg.matrix_rank(np.asarray(problem.system.H)) == 2
     np.testing.assert_allclose(along.cov, np.broadcast_to(cov, along.cov.shape), atol=1e-12)
-    G, R = np.asarray(problem.system.B), np.asarray(problem.cost.R)
+    G = np.asarray(problem.system.B)
+    R = np.asarray(problem.cost.R)
     np.testing.assert_allclose(
         along.diffusion[0], temperature * G @ np.linalg.solve(R, G.T), atol=1e-12
     )
@@ -164,9 +167,11 @@ def test_the_double_integrators_exact_control_is_lqg_of_the_same_steps(double_in
 
 
 def test_the_increment_is_that_of_the_tilted_gaussian_by_quadrature(double_integrator):
-    """One step: eps_0 alone, on a fine grid."""
+    """Integrate one step, eps_0 alone, on a fine grid."""
     problem, _, temperature, along = double_integrator
-    L, start, cost = np.asarray(along.factors[0, :, 0]), np.array([1.5, -0.5]), problem.cost
+    L = np.asarray(along.factors[0, :, 0])
+    start = np.array([1.5, -0.5])
+    cost = problem.cost
     F = np.eye(2) + np.array([[0.0, 1.0], [0.0, 0.0]]) * integrator.INTEGRATOR_DURATION
     eps = np.linspace(-9, 9, 2001)
     away = (F @ start - np.asarray(cost.goal))[:, None] + L[:, None] * eps
@@ -185,7 +190,7 @@ def flight(certificate) -> Iterator[tuple[mb.Problem, by_hand.PackageRun]]:
 
 
 def test_the_schedule_is_in_transit(flight):
-    """D_k, Sigma_k and the cost of one mean change with k; the weights are neither even nor those of a few paths."""
+    """Check that D_k, Sigma_k and q_k vary, with weights that are neither even nor degenerate."""
     problem, run = flight
     with float64():
         for i, start in enumerate(by_hand.HAND_STARTS):
@@ -210,7 +215,9 @@ def test_factors_of_another_diffusion_show(flight):
         assert by_hand.hand_run(problem, start, 1.001 * factors, eps).factor_error > 1e-4
 
 
-COSTS, WEIGHTS, FACTORS = shared.accumulated_costs, pw.weights, innovation.diffusion_factors
+COSTS = shared.accumulated_costs
+WEIGHTS = pw.weights
+FACTORS = innovation.diffusion_factors
 
 
 def frozen(schedule: GainSchedule) -> tuple[jax.Array, jax.Array]:
@@ -246,7 +253,8 @@ def test_any_other_algorithm_shows_line_by_line(monkeypatch, x64, mutation):
 
 
 def test_the_grids_expectations_are_those_of_the_closed_forms(x64):
-    problem, cov = by_hand.moving_problem(), by_hand.HAND_COV
+    problem = by_hand.moving_problem()
+    cov = by_hand.HAND_COV
     exact = [
         risk_sensitive(problem, jnp.asarray(m), jnp.asarray(cov), by_hand.HAND_THETA)
         for m in by_hand.HAND_STARTS

@@ -1,4 +1,4 @@
-"""Matching by choosing what is sensed: the parts of the certificate hold, and fail where they should."""
+"""Matching by choosing what is sensed: the certificate holds, and fails where it should."""
 
 import numpy as np
 import pytest
@@ -71,16 +71,21 @@ def test_rotated_and_limited_sensors(four, x64):
 
 
 def test_the_predicted_excess_is_that_of_the_estimator_itself():
-    """One step of the plan, N samples drawn by NumPy: the error of sum w delta / sum w, averaged over mu."""
+    """Sample one step of the plan in NumPy: the error of sum w delta / sum w, averaged over mu."""
     _, optimum = platform.platform()
-    rng, N, draws = np.random.default_rng(0), 200, 4000
-    R, F, B = platform.CONTROL_WEIGHT * np.eye(2), optimum.F, optimum.B
+    rng = np.random.default_rng(0)
+    N = 200
+    draws = 4000
+    R = platform.CONTROL_WEIGHT * np.eye(2)
+    F = optimum.F
+    B = optimum.B
     mean = np.array(platform.PLATFORM_START)
     root = np.linalg.cholesky(
         platform.PLATFORM_TEMPERATURE * np.linalg.inv(R) / platform.PLATFORM_DT
     )
     deltas = rng.normal(size=(draws, N, platform.PLATFORM_HORIZON, 2)) @ root.T
-    mu, costs = np.broadcast_to(mean, (draws, N, 4)), 0.0
+    mu = np.broadcast_to(mean, (draws, N, 4))
+    costs = 0.0
     for k in range(platform.PLATFORM_HORIZON):
         costs = costs + 0.5 * platform.PLATFORM_DT * np.sum(
             np.array(platform.PLATFORM_WEIGHTS) * mu**2, axis=-1
@@ -99,19 +104,20 @@ def test_the_predicted_excess_is_that_of_the_estimator_itself():
 
 
 def first_step(optimum: platform.PlatformOptimum) -> platform.PlatformExcess:
-    """The prediction for a trial of one step."""
+    """Return the prediction for a trial of one step."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(platform, "PLATFORM_STEPS", 1)
         return platform.platform_excess(optimum)
 
 
-def runs(excess: np.ndarray, off: float = 0.0) -> list[sl.SteeredLoops]:
-    """Loops of `sl.STEERED_TRIALS` trials with these mean forms, one array for each N, costs `off` from what they should be."""
-    rng, (_, optimum) = np.random.default_rng(0), platform.platform()
+def runs(excess: np.ndarray, excess_cost: float = 0.0) -> list[sl.SteeredLoops]:
+    """Draw loops with these mean forms and costs that are `excess_cost` too high."""
+    rng = np.random.default_rng(0)
+    _, optimum = platform.platform()
     draws = rng.gamma(4, 0.25, size=(2, sl.STEERED_TRIALS))
     forms = np.asarray(excess)[:, None] * draws / draws.mean(axis=1, keepdims=True)
     noise = rng.normal(size=forms.shape)
-    noise -= noise.mean(axis=1, keepdims=True) - off
+    noise -= noise.mean(axis=1, keepdims=True) - excess_cost
     return [
         sl.SteeredLoops(platform.platform_optimal_cost(optimum) + form + more, form)
         for form, more in zip(forms, noise, strict=True)
@@ -120,16 +126,18 @@ def runs(excess: np.ndarray, off: float = 0.0) -> list[sl.SteeredLoops]:
 
 def test_loops_that_cost_otherwise_are_seen():
     _, optimum = platform.platform()
-    expected, best = platform.platform_excess(optimum), platform.platform_optimal_cost(optimum)
-    right, N = expected.per_sample / np.array(sl.STEERED_SAMPLES), np.array(sl.STEERED_SAMPLES)
+    expected = platform.platform_excess(optimum)
+    best = platform.platform_optimal_cost(optimum)
+    right = expected.per_sample / np.array(sl.STEERED_SAMPLES)
+    N = np.array(sl.STEERED_SAMPLES)
 
-    def verdicts(excess: np.ndarray, limited: np.ndarray, off: float = 0.0) -> list[bool]:
+    def verdicts(excess: np.ndarray, limited: np.ndarray, excess_cost: float = 0.0) -> list[bool]:
         held = [run.form for run in runs(limited)]
-        return holds(sl.loop_checks(runs(excess, off), held, expected, best))
+        return holds(sl.loop_checks(runs(excess, excess_cost), held, expected, best))
 
     stays = right + 0.1
     assert verdicts(right, stays) == [True] * 5
-    assert verdicts(right, stays, off=1.0) == [False, True, True, True, True]
+    assert verdicts(right, stays, excess_cost=1.0) == [False, True, True, True, True]
     assert verdicts(right[0] * np.sqrt(N[0] / N), stays) == [True, False, False, False, True]
     assert verdicts(stays, stays) == [True, False, False, False, True]
     assert verdicts(right, right) == [True, True, True, True, False]
@@ -139,7 +147,8 @@ def test_a_closed_loop_costs_what_is_predicted_and_not_with_a_limited_sensor(x64
     monkeypatch.setattr(sl, "STEERED_TRIALS", 100)
     problem, optimum = platform.platform()
     free, limited = sl.steered_closed_loops(optimum, problem, 64, 0, [sl.UNLIMITED, sl.LIMIT])
-    expected, bound = platform.platform_excess(optimum), quantile(1, 99)
+    expected = platform.platform_excess(optimum)
+    bound = quantile(1, 99)
     target = expected.per_sample / 64
     after = target * expected.next_term / 64
     assert abs(free.form.mean() - target) < bound * standard_error(free.form) + after

@@ -1,4 +1,4 @@
-"""The certificate of Proposition 2: it holds, and each of its parts fails where the proposition is broken."""
+"""Proposition 2: its certificate holds, and each part fails where the proposition is broken."""
 
 import jax
 import jax.numpy as jnp
@@ -66,7 +66,7 @@ def test_a_wrong_limit_is_seen(part, quick_x64):
 
 
 def test_the_diffusion_of_the_measurement_noise_alone_is_seen(monkeypatch, quick_x64):
-    """K R_s K' in place of K S K', which is the same in the limit."""
+    """Put K R_s K' in place of K S K', which is the same in the limit."""
 
     def wrong(problem, mean, root, u):
         mean, root, K, _ = filter_step(problem, mean, root, u)
@@ -79,7 +79,7 @@ def test_the_diffusion_of_the_measurement_noise_alone_is_seen(monkeypatch, quick
 
 @pytest.mark.parametrize("part", ["gain", "diffusion"])
 def test_a_riccati_schedule_that_is_a_step_late_is_seen(part, quick_x64):
-    """K or D of t_{k+1} instead of t_k, which is the same once all is settled."""
+    """Take K or D of t_{k+1} instead of t_k, which is the same once all is settled."""
 
     def late(problem, start, controls, method):
         schedule = gain_schedule(problem, start, controls, method)
@@ -140,10 +140,13 @@ def test_bits_are_counted():
 @settings(max_examples=25, deadline=None, derandomize=True)
 @given(seed=st.integers(0, 10**6), duration=st.floats(0.01, 3), relative=st.floats(0.01, 0.9))
 def test_the_flow_lets_no_relative_error_grow(seed, duration, relative):
-    """What every band for rounding rests on: (1 +- e) Sigma flows to between (1 - e) and (1 + e) times the flow."""
+    """Check the basis of all bands: (1 ± e) Sigma flows to between (1 ± e) times the flow."""
     rng = np.random.default_rng(seed)
-    A, C = rng.normal(size=(3, 3)), rng.normal(size=(2, 3))
-    cov, Q, R_o = random_spd(rng, 3, 0.05), random_spd(rng, 3, 0.01), random_spd(rng, 2, 0.1)
+    A = rng.normal(size=(3, 3))
+    C = rng.normal(size=(2, 3))
+    cov = random_spd(rng, 3, 0.05)
+    Q = random_spd(rng, 3, 0.01)
+    R_o = random_spd(rng, 2, 0.1)
     with float64():
         after, more, less = (
             np.asarray(riccati_step(jnp.asarray(cov * factor), A, Q, C, R_o, duration))

@@ -1,4 +1,4 @@
-"""Remark 4 against the entropic risk: the certificate holds, fails for a wrong q_RS, and its laws are right."""
+"""Remark 4: its certificate holds, fails for a wrong q_RS, and its laws are right."""
 
 import math
 from collections.abc import Callable, Iterator
@@ -35,7 +35,7 @@ def certificate() -> Certificate:
 
 @pytest.fixture(scope="module")
 def penalty() -> PlaneLaw:
-    """The law of the penalty beside the obstacle, exact for theta up to about 0.2."""
+    """Return the law of the penalty beside the obstacle, exact for theta up to about 0.2."""
     with float64():
         return plane_law(position_problem(), belief_beside_obstacle(), "penalty", COARSE_ENOUGH)
 
@@ -56,13 +56,12 @@ def quadratic_plane(problem: mb.Problem, mean: np.ndarray, cov: np.ndarray) -> P
 
 def quadratic_case(seed: int) -> tuple[mb.Problem, np.ndarray, np.ndarray, QuadraticLaw]:
     rng = np.random.default_rng(seed)
-    F, S, mean, goal = (
-        rng.normal(size=(2, 2)),
-        rng.normal(size=(2, 2)),
-        rng.normal(size=2),
-        rng.normal(size=2),
-    )
-    W, cov = F @ F.T + 0.1 * np.eye(2), 0.3 * S @ S.T + 0.1 * np.eye(2)
+    F = rng.normal(size=(2, 2))
+    S = rng.normal(size=(2, 2))
+    mean = rng.normal(size=2)
+    goal = rng.normal(size=2)
+    W = F @ F.T + 0.1 * np.eye(2)
+    cov = 0.3 * S @ S.T + 0.1 * np.eye(2)
     cost = mb.GoalObstacleCost(goal, W, W, [1, 1], w_obs=0, bump_width=1)
     problem = resting_problem(cost, mb.Obstacles(np.zeros((1, 2)), 0))
     return problem, mean, cov, QuadraticLaw(cov @ W, mean - goal, W @ (mean - goal))
@@ -171,13 +170,14 @@ def test_the_plane_has_the_packages_moments(penalty, x64):
 @given(st.floats(1e-4, 0.1), st.floats(1.01, 2.0))
 def test_the_entropic_risk_is_bounded_and_grows(penalty, theta, factor):
     mean, *_ = penalty.cumulants()
-    here, there = penalty.entropic_risk(theta), penalty.entropic_risk(factor * theta)
+    here = penalty.entropic_risk(theta)
+    there = penalty.entropic_risk(factor * theta)
     assert mean < here < there < cost_numbers()["w_obs"]
     assert penalty_risk.risk_lower_bound(theta) <= here
 
 
 def test_both_ways_of_summing_agree(penalty):
-    """About theta (sup - E) = 30, where one takes over from the other."""
+    """Compare both at theta (sup - E) = 30, where the implementation changes."""
     theta = 30 / (np.max(penalty.cost) - penalty.mean(penalty.cost))
     below, above = (penalty.entropic_risk(theta * part) for part in (1 - 1e-9, 1 + 1e-9))
     assert above == pytest.approx(below, rel=1e-8)

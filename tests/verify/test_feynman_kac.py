@@ -1,4 +1,4 @@
-"""Corollary 5's certificate: that it holds, and that it fails where the corollary or the package would."""
+"""Corollary 5's certificate: it holds, and it fails where corollary or package would."""
 
 from collections.abc import Iterator
 
@@ -57,7 +57,7 @@ def test_paths_of_another_diffusion_or_temperature_or_step_show(setting, monkeyp
         assert agree(matched, along, terms)
         assert not agree(matched, along._replace(factors=1.1 * along.factors), terms)
         assert not agree(matched._replace(temperature=1.02 * matched.temperature), along, terms)
-        # the bias allowed for comes from the levels alone: it does not excuse that of the coarse step
+        # The allowed bias comes from the levels alone and does not excuse that of the coarse step.
         log_desirabilities = samples.log_desirabilities
         monkeypatch.setattr(
             samples,
@@ -105,7 +105,8 @@ def test_biased_or_dependent_samples_show(setting, monkeypatch, broken):
 def test_the_paths_are_those_of_a_loop(setting, rng):
     matched, along, _ = setting
     with float64():
-        problem, terms = with_time_grid(matched, 0.8, 4), setting[2]
+        problem = with_time_grid(matched, 0.8, 4)
+        terms = setting[2]
         eps = rng.normal(size=(4, 1, 3))
         costs, pushed = quick_jit(sampled_costs)(
             problem, matched.theta, np.array([0.7]), along, eps
@@ -114,7 +115,8 @@ def test_the_paths_are_those_of_a_loop(setting, rng):
             np.abs(pushed), np.sqrt(terms.diffusion) * np.abs(eps), rtol=1e-12
         )
         for i in range(3):
-            mu, total = np.array([0.7]), 0.0
+            mu = np.array([0.7])
+            total = 0.0
             for k in range(4):
                 total += terms.running(mu)[0] * 0.2
                 mu = mu * (1 + terms.drift * 0.2) + np.asarray(pushed)[k, 0, i]
@@ -131,7 +133,8 @@ def test_the_schedule_of_fewer_steps_is_the_beginning_of_that_of_more(setting):
 
 
 def test_the_rate_is_a_weighted_fit(rng):
-    sizes, relative = 2 ** np.arange(3, 9), rng.uniform(0.02, 0.2, 6)
+    sizes = 2 ** np.arange(3, 9)
+    relative = rng.uniform(0.02, 0.2, 6)
     rms = sizes**-0.4 * np.exp(relative * rng.normal(size=6))
     slope, error = fitted_rate(sizes, rms, relative)
     fit, cov = np.polyfit(np.log(sizes), np.log(rms), 1, w=1 / relative, cov="unscaled")

@@ -1,4 +1,4 @@
-"""The solvers that the certificates compare with: closed forms, orders, and slow versions of their own."""
+"""The solvers of the certificates: closed forms, orders, and slow independent versions."""
 
 import itertools
 from types import SimpleNamespace
@@ -23,11 +23,14 @@ from mppi_belief.verify.solvers.scalar_equations import (
     second_difference,
 )
 
-A, D, TEMPERATURE, DURATION = 0.3, 0.7, 0.6, 1.0
+A = 0.3
+D = 0.7
+TEMPERATURE = 0.6
+DURATION = 1.0
 
 
 def equation(q: Quadratic, phi: Quadratic, bump: float = 0.0, **others: float) -> ScalarEquation:
-    """A quadratic cost, and a Gaussian bump of the given height."""
+    """Return the equation of a quadratic cost with a Gaussian bump of the given height."""
     rest = {"drift": A, "diffusion": D, "authority": D / TEMPERATURE, "temperature": TEMPERATURE}
     return ScalarEquation(
         **rest | others,
@@ -60,8 +63,11 @@ def test_the_far_field_is_the_riccati_solution():
 
 
 def test_the_far_field_solves_the_bellman_equation():
-    """By differences in time, at any mean, and for another authority than the matched one."""
-    terms, authority, mu, dt = quadratic_equation(), 0.8, np.array([-1.0, 0.4, 2.0]), 1e-4
+    """Check by differences in time, at any mean, for an authority that is not matched."""
+    terms = quadratic_equation()
+    authority = 0.8
+    mu = np.array([-1.0, 0.4, 2.0])
+    dt = 1e-4
     before, now, after = (
         Quadratic(*np.reshape(far_field(terms, authority, np.array([t])), 3))
         for t in (0.4 - dt, 0.4, 0.4 + dt)
@@ -75,7 +81,8 @@ def test_the_far_field_solves_the_bellman_equation():
 
 
 def test_the_linear_equation_tends_to_the_riccati_solution_at_second_order():
-    terms, errors = quadratic_equation(), []
+    terms = quadratic_equation()
+    errors = []
     for refine in (1, 2, 4):
         grid = mean_grid(terms, 120 * refine, 10 * refine)
         exact = quadratic(far_field(terms, terms.authority, np.zeros(1)), grid.points)
@@ -104,14 +111,15 @@ def test_the_method_of_lines_is_of_fourth_order_with_a_bump():
 
 
 def test_the_desirability_is_that_of_a_stiff_integrator():
-    """With a bump, without a closed form: the same differences in space, another scheme in time."""
+    """Compare with another scheme in time, for a bump without a closed form."""
     terms = quadratic_equation(bump=1.5)
     grid = mean_grid(terms, 120, 160)
-    mu, h = grid.points, grid.h
+    mu = grid.points
+    h = grid.h
     q = terms.running(mu)
 
-    def rate(left: float, inside: np.ndarray) -> np.ndarray:
-        far = far_field(terms, D / TEMPERATURE, np.array([DURATION - left]))
+    def rate(time_to_go: float, inside: np.ndarray) -> np.ndarray:
+        far = far_field(terms, D / TEMPERATURE, np.array([DURATION - time_to_go]))
         ends = np.exp(-np.array([quadratic(far, end)[0] for end in mu[[0, -1]]]) / TEMPERATURE)
         psi = np.concatenate([ends[:1], inside, ends[1:]])
         return (
@@ -151,7 +159,8 @@ def test_differences_are_exact_for_quadratics():
 @pytest.mark.parametrize("steps", [1, 2, 10])
 def test_the_discrete_expectations_are_the_gaussian_integrals(steps):
     terms = equation(Quadratic(0.0, 0.0, 1.3), Quadratic(0.0, 0.0, 0.9))
-    discrete, mean = DiscreteExpectation(terms, steps, DURATION), 1.1
+    discrete = DiscreteExpectation(terms, steps, DURATION)
+    mean = 1.1
     dt = DURATION / steps
     exact = reference.gaussian_paths(A, 1.0, D, 1.3, 0.9, mean, dt, steps, TEMPERATURE)
     assert discrete.log_psi(np.array([mean]))[0] == pytest.approx(exact.log_psi, abs=1e-10)
@@ -159,8 +168,11 @@ def test_the_discrete_expectations_are_the_gaussian_integrals(steps):
 
 
 def test_two_steps_with_a_bump_are_the_double_integral():
-    terms, dt, mean = quadratic_equation(bump=1.5), 0.2, 0.7
-    discrete, std = DiscreteExpectation(terms, 2, 2 * dt), np.sqrt(D * dt)
+    terms = quadratic_equation(bump=1.5)
+    dt = 0.2
+    mean = 0.7
+    discrete = DiscreteExpectation(terms, 2, 2 * dt)
+    std = np.sqrt(D * dt)
 
     def running_factor(value: float) -> float:
         return float(np.exp(-terms.running(np.array([value])) * dt / TEMPERATURE)[0])
@@ -172,7 +184,10 @@ def test_two_steps_with_a_bump_are_the_double_integral():
 
     def average(fn, mu: float) -> float:
         centre = mu * (1 + A * dt)
-        density = lambda x: np.exp(-(((x - centre) / std) ** 2) / 2) / (std * np.sqrt(2 * np.pi))  # noqa: E731
+
+        def density(x: float) -> float:
+            return np.exp(-(((x - centre) / std) ** 2) / 2) / (std * np.sqrt(2 * np.pi))
+
         return quad(lambda x: fn(x) * density(x), centre - 9 * std, centre + 9 * std, epsabs=1e-11)[
             0
         ]

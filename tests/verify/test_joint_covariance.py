@@ -1,4 +1,4 @@
-"""The certificate of a covariance for every path: that it holds, and that it fails where the package would be wrong."""
+"""A covariance for every path: the certificate holds, and fails where it should."""
 
 from collections.abc import Iterator
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""The grid filter: a conservative Fokker-Planck step, Bayes' rule, and both against slow independent versions."""
+"""The grid filter: its Fokker-Planck step, Bayes' rule, and slow independent versions of both."""
 
 import numpy as np
 import pytest
@@ -20,7 +20,7 @@ def curved(grid: kushner.StateGrid, Q: float = 0.4, R_o: float = 0.2) -> Coeffic
 
 
 def dense(bands: np.ndarray) -> np.ndarray:
-    """The tridiagonal matrix written out."""
+    """Return the tridiagonal matrix as a dense one."""
     return np.diag(bands[1]) + np.diag(bands[0, 1:], 1) + np.diag(bands[2, :-1], -1)
 
 
@@ -47,10 +47,15 @@ def test_the_drift_channel_is_the_fokker_planck_operator_to_second_order():
     errors = []
     for cells in (100, 200, 400):
         grid = kushner.state_grid(-6, 6, cells)
-        x, S, u, Q = grid.x, 0.25, 0.7, 0.4
+        x = grid.x
+        S = 0.25
+        u = 0.7
+        Q = 0.4
         p = np.exp(-((x - 0.5) ** 2) / (2 * S)) / np.sqrt(2 * np.pi * S)
-        slope, bend = -(x - 0.5) / S * p, ((x - 0.5) ** 2 / S - 1) / S * p
-        drift, steepness = -np.sin(x) + u * (1 + 0.3 * np.cos(x)), -np.cos(x) - 0.3 * u * np.sin(x)
+        slope = -(x - 0.5) / S * p
+        bend = ((x - 0.5) ** 2 / S - 1) / S * p
+        drift = -np.sin(x) + u * (1 + 0.3 * np.cos(x))
+        steepness = -np.cos(x) - 0.3 * u * np.sin(x)
         exact = -steepness * p - drift * slope + Q / 2 * bend
         bands = kushner.fokker_planck_bands(grid, curved(grid), u)
         rate = kushner.drift_channel(bands, p[:, None])[:, 0]
@@ -61,14 +66,13 @@ def test_the_drift_channel_is_the_fokker_planck_operator_to_second_order():
 @pytest.mark.parametrize("u", [0.0, 1.3])
 def test_banded_and_dense_generators_agree_and_the_step_is_second_order(u):
     grid = kushner.state_grid(-4, 4, 80)
-    bands, p = (
-        kushner.fokker_planck_bands(grid, curved(grid), u),
-        kushner.gaussian_density(grid, 0.3, 0.2)[:, None],
-    )
+    bands = kushner.fokker_planck_bands(grid, curved(grid), u)
+    p = kushner.gaussian_density(grid, 0.3, 0.2)[:, None]
     L = dense(bands)
     np.testing.assert_allclose(L.sum(axis=0), 0, atol=1e-11)
     np.testing.assert_allclose(kushner.drift_channel(bands, p), L @ p, rtol=1e-12, atol=1e-12)
-    exact, errors = expm(L * 0.2) @ p, []
+    exact = expm(L * 0.2) @ p
+    errors = []
     for steps in (8, 16, 32):
         moved = p
         for _ in range(steps):
@@ -111,9 +115,13 @@ def test_far_increments_leave_a_density():
 
 
 def test_the_filter_is_the_slow_one():
-    """Exact transition by a dense exponential, Bayes' rule point by point; a column does not see the others."""
-    rng, grid, dt = np.random.default_rng(0), kushner.state_grid(-4, 4, 60), 0.01
-    model, controls, dy = curved(grid), rng.normal(size=8), rng.normal(size=(8, 2)) * 0.05
+    """Compare with a dense exponential and Bayes' rule point by point, column by column."""
+    rng = np.random.default_rng(0)
+    grid = kushner.state_grid(-4, 4, 60)
+    dt = 0.01
+    model = curved(grid)
+    controls = rng.normal(size=8)
+    dy = rng.normal(size=(8, 2)) * 0.05
     start = kushner.gaussian_density(grid, 0.3, 0.2)
     moments = kushner.solve_kushner(grid, model, start, controls, dy, dt, substeps=8)
     for path in range(2):
@@ -147,7 +155,8 @@ def test_a_systems_coefficients_are_the_systems(convention):
 
 
 def test_extrapolation_takes_the_second_order_term_out():
-    exact, error = np.array([1.0]), np.array([0.3])
+    exact = np.array([1.0])
+    error = np.array([0.3])
     limit = kushner.extrapolated_moments(
         Moments(exact + error, exact + 4 * error), Moments(exact + error / 4, exact + error)
     )

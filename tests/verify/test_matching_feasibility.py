@@ -100,8 +100,9 @@ def test_an_inner_weight_extended_by_too_much_is_seen(x64, monkeypatch):
 
 
 def test_one_weight_of_many_controls():
-    """Two controls that do the same: R is lambda |G|^2 / D on their sum, and so on their difference."""
-    G, D = np.array([[1.0, 1.0]]), np.array([[3.0]])
+    """Take two equal controls: R is lambda |G|^2 / D on their sum, and so on their difference."""
+    G = np.array([[1.0, 1.0]])
+    D = np.array([[3.0]])
     with float64():
         R = feasible_control_weight(D, G, 0.6)
         W = feasible_weight(D, G, 0.6)
@@ -136,8 +137,9 @@ def test_refusals_are_one_clear_line():
 
 
 def test_a_weight_beyond_the_precision_is_refused_or_finite(rng):
-    left, right = (np.linalg.qr(rng.normal(size=(4, 4)))[0] for _ in range(2))
-    G, refused = left @ np.diag([1, 1e-5, 1e-9, 1e-13]) @ right, 0
+    rows, columns = (np.linalg.qr(rng.normal(size=(4, 4)))[0] for _ in range(2))
+    G = rows @ np.diag([1, 1e-5, 1e-9, 1e-13]) @ columns
+    refused = 0
     for _ in range(20):
         D = random_spd(rng, 4)
         if range_included(D, G):

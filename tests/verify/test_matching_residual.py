@@ -1,4 +1,4 @@
-"""The matching residual of Sec. VII: its certificate, that it can fail, and its closed forms against SciPy."""
+"""The matching residual of Sec. VII: its certificate, that it can fail, and its closed forms."""
 
 import numpy as np
 import pytest
@@ -75,7 +75,7 @@ def test_a_search_among_weights_that_are_not_quite_positive_is_seen(floor, x64, 
 
 
 def test_a_gap_bounds_what_is_left(x64, rng):
-    """From any W >= 0, over what the library's search finds; and it is the library's."""
+    """Compare with the package's search and gap, from any W >= 0."""
     D, G = weight_optimality.turning_controls(rng)
     least = matching.best_constant_weight(D, G).value
     for size in (1e-3, 1.0, 30.0):

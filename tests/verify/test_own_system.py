@@ -27,7 +27,7 @@ def quick() -> Iterator[None]:
 
 @mb.struct
 class Nonlinear:
-    """A scalar system with any of its functions bent: x^2 added with these weights."""
+    """Implements a scalar system; x^2 is added to its functions with these weights."""
 
     f2: float = mb.number(0.0)
     G2: float = mb.number(0.0)
@@ -55,7 +55,7 @@ class Nonlinear:
 
 @mb.struct
 class Risky:
-    """Feedback with what Remark 4 asks for."""
+    """Implements feedback with a risk-sensitive path cost."""
 
     gain: float = mb.number()
     path_cost: mb.RiskSensitive
@@ -119,7 +119,7 @@ def test_each_function_that_is_bent_is_seen(weights, expected):
 
 
 def planar(A: list, B: list, sensors: Sequence[float] = (0.5,)) -> mb.Problem:
-    """Two states of which the first is measured, or both."""
+    """Return a problem with two states, of which the first or both are measured."""
     system = mb.Linear(A, B, np.eye(len(sensors), 2), 0.3 * np.eye(2), list(sensors))
     R = np.ones(np.shape(B)[1])
     return mb.Problem(

@@ -39,12 +39,12 @@ class Check(NamedTuple):
 
     @property
     def holds(self) -> bool:
-        """Whether the value lies in its band; NaN does not."""
+        """Returns whether the value lies in its band; NaN does not."""
         return self.low <= self.value <= self.high
 
     @property
     def band(self) -> str:
-        """The band as text."""
+        """Returns the band as text."""
         if math.isinf(self.low):
             return f"≤ {self.high:.3g}"
         if math.isinf(self.high):
@@ -90,7 +90,7 @@ class Certificate(NamedTuple):
 
     @property
     def holds(self) -> bool:
-        """Whether there are checks and all of them hold."""
+        """Returns whether there are checks and all of them hold."""
         return bool(self.checks) and all(check.holds for check in self.checks)
 
 

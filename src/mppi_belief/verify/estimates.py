@@ -34,17 +34,17 @@ class RepeatedControls(NamedTuple):
 
     @property
     def mean(self) -> np.ndarray:
-        """The mean (points,) over the keys."""
+        """Returns the mean (points,) over the keys."""
         return self.controls.mean(axis=0)
 
     @property
     def error(self) -> np.ndarray:
-        """The standard error (points,) of the mean."""
+        """Returns the standard error (points,) of the mean."""
         return self.controls.std(axis=0, ddof=1) / np.sqrt(len(self.controls))
 
     @property
     def z(self) -> np.ndarray:
-        """The distances (points,) of the mean from its expectation in standard errors."""
+        """Returns the distances (points,) of the mean from its expectation in standard errors."""
         return (self.mean - self.expected) / self.error
 
 

@@ -67,7 +67,7 @@ class QuadraticLaw(NamedTuple):
 
     @property
     def pole(self) -> float:
-        """The theta from which on rho is infinite."""
+        """Returns the theta from which on rho is infinite."""
         return float(1 / np.max(np.linalg.eigvals(self.spread).real))
 
     def cumulants(self) -> tuple[float, float, float]:

@@ -48,7 +48,7 @@ class DesirabilityPoints(NamedTuple):
 
     @property
     def z(self) -> np.ndarray:
-        """Distances in standard errors, less what bias and grid may explain."""
+        """Returns distances in standard errors, less what bias and grid may explain."""
         unexplained = np.abs(self.sampled - self.exact) - self.bias - self.exact_error
         return np.maximum(unexplained, 0.0) / self.error
 

@@ -45,7 +45,7 @@ class MatchedProblem(NamedTuple):
 
     @property
     def duration(self) -> float:
-        """T."""
+        """Returns T."""
         return self.problem.dt * self.problem.steps
 
 

@@ -41,7 +41,7 @@ class RiskExpansion(NamedTuple):
 
     @property
     def errors(self) -> np.ndarray:
-        """rho - q_RS (T,)."""
+        """Returns rho - q_RS (T,)."""
         return self.exact - self.expanded
 
 

@@ -45,7 +45,7 @@ class DiscreteExpectation:
 
     @cached_property
     def _log_psi_after_first(self) -> BSpline:
-        """log Psi_1 as a spline."""
+        """Returns log Psi_1 as a spline."""
         equation = self.equation
         reach = equation.reach
         points = np.linspace(-reach, reach, round(2 * reach / KNOT_SPACING) + 1)

@@ -48,12 +48,12 @@ class MeanGrid(NamedTuple):
 
     @property
     def h(self) -> float:
-        """Width of a cell."""
+        """Returns the width of a cell."""
         return float(self.points[1] - self.points[0])
 
     @property
     def dt(self) -> float:
-        """Length of a step."""
+        """Returns the length of a step."""
         return float(self.times[1] - self.times[0])
 
 
