@@ -116,8 +116,9 @@ class Run:
 
 
 def begins(process: subprocess.Popen[str]) -> bool:
-    """Returns whether a command's own code runs, and no longer Python's: from then on signals wait for an
-    answer.
+    """Returns whether a command's own code runs, and no longer Python's.
+
+    From then on signals wait for an answer.
     """
     if process.poll() is not None:
         return True

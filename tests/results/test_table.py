@@ -191,10 +191,8 @@ def test_what_is_no_results_file_is_named_and_left_out(tmp_path):
 @pytest.mark.parametrize("part", range(1, 10))
 def test_a_damaged_byte_changes_nothing_or_is_noticed(part, tmp_path):
     path = written(tmp_path, *(row(trial) for trial in range(50)))
-    before, content = (
-        results.result_hash(read_rows(tmp_path)),
-        bytearray(path.read_bytes()),
-    )
+    before = results.result_hash(read_rows(tmp_path))
+    content = bytearray(path.read_bytes())
     content[len(content) * part // 10] ^= 1
     path.write_bytes(content)
     warnings: list[str] = []

@@ -17,7 +17,9 @@ from mppi_belief.errors import ConfigError
 from mppi_belief.results import table as results
 from mppi_belief.results.contents import read_rows
 from mppi_belief.run import dask as cluster
-from mppi_belief.run.dask import DaskWorkers, SchedulerConnection, run_in_worker
+from mppi_belief.run import dask_worker
+from mppi_belief.run.dask import DaskWorkers, SchedulerConnection
+from mppi_belief.run.dask_worker import run_in_worker
 from mppi_belief.run.local import LocalWorkers
 from mppi_belief.run.plan import Chunk
 from mppi_belief.run.pool import Pool
@@ -184,7 +186,10 @@ def test_the_worker_of_a_trial_that_hangs_is_ended():
         workers.collect(future)
     workers.discard(future)
     assert client.ran == [
-        (cluster.exit_worker, {"workers": ["tcp://worker-1"], "wait": False, "on_error": "ignore"})
+        (
+            dask_worker.exit_worker,
+            {"workers": ["tcp://worker-1"], "wait": False, "on_error": "ignore"},
+        )
     ]
 
 
@@ -262,10 +267,14 @@ def there(
     """Returns what a worker answers that was just started."""
     worker = SimpleNamespace(address="tcp://w:1", state=SimpleNamespace(nthreads=threads))
     monkeypatch.setattr(distributed, "get_worker", lambda: worker)
-    monkeypatch.setattr(cluster, "_applied_setups", [])
+    monkeypatch.setattr(dask_worker, "applied_setups", [])
     python = sys.version_info[0], int(versions.pop("minor", sys.version_info[1]))
     given = pickle.dumps(
-        (setup, {name: cluster.version(name) for name in cluster.SAME_VERSIONS} | versions, python)
+        (
+            setup,
+            {name: dask_worker.version(name) for name in dask_worker.SAME_VERSIONS} | versions,
+            python,
+        )
     )
     return run_in_worker(given, pickle.dumps((function, ())))
 

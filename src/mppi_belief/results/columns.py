@@ -12,7 +12,7 @@ import pyarrow as pa
 
 
 class Metrics(NamedTuple):
-    """What a trial is judged by, each a number ().
+    """Judges a trial by its cost, its collisions and its samples, each a number ().
 
     Costs are those of eq. (2) on the true state without the obstacle penalty, with the integral
     taken as sum_k (base(x_k) + 1/2 u_k' R u_k) dt over k = 0..T-1.
@@ -28,7 +28,7 @@ class Metrics(NamedTuple):
 
 
 class Consistency(NamedTuple):
-    """Whether a filter's errors are as large as it claims: means over the T steps of a trial, each
+    """Compares a filter's errors with what it claims: means over the T steps of a trial, each
     a number ().
 
     Steps with a singular covariance are left out; the mean is nan where that is all of them.

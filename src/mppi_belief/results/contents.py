@@ -46,7 +46,7 @@ class CellContents:
 
     @cached_property
     def rows(self) -> pd.DataFrame:
-        """The rows, each trial once, by trial.
+        """Returns the rows, each trial once, by trial.
 
         Columns are `COLUMNS`, swept settings, and `_file`, the name of the row's part file.
         """
@@ -57,7 +57,7 @@ class CellContents:
 
     @cached_property
     def steps(self) -> pd.DataFrame:
-        """The trajectories (`PATH_COLUMNS`), each step once, by trial and step."""
+        """Returns the trajectories (`PATH_COLUMNS`), each step once, by trial and step."""
         frames = [file.table.select(PATH_COLUMNS).to_pandas() for file in self.paths]
         if not frames:
             return pd.DataFrame(columns=list(PATH_COLUMNS))

@@ -41,7 +41,7 @@ _SCHEMAS = {"part": pa.schema(COLUMN_TYPES), "paths": pa.schema(PATH_TYPES)}
 
 
 class ResultsFile(NamedTuple):
-    """A file that could be read."""
+    """Holds a file that could be read."""
 
     path: Path
     metadata: dict[str, Any]  # what the file says of itself

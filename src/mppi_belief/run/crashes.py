@@ -10,7 +10,7 @@ STRIKES = 2  # deaths of a worker in one trial alone after which the trial is gi
 
 
 class Verdict(NamedTuple):
-    """What becomes of a chunk whose worker died."""
+    """Says what becomes of a chunk whose worker died."""
 
     message: str  # one line for the log
     retry: tuple[Chunk, ...]  # to be run again, before all others

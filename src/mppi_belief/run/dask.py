@@ -7,26 +7,23 @@ done about a death, and what is written is decided by the pool, as with processe
 
 import contextlib
 import logging
-import os
 import pickle
 import sys
 import time
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator
 from concurrent.futures import CancelledError, Future
 from importlib.metadata import version
-from pathlib import Path
 from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary
 
-from ..errors import ConfigError, first_line
+from ..errors import ConfigError
+from .dask_worker import SAME_VERSIONS, exit_worker, one_line, run_in_worker
 from .log import log_on_terminal
-from .worker import WorkerSetup, apply_setup
+from .worker import WorkerSetup
 from .workers import WorkerDied, WorkersGone
 
-SAME_VERSIONS = ("mppi-belief", "jax", "jaxlib", "numpy")  # the bits of a result depend on these
 POLL_INTERVAL = 1.0  # s between two questions which workers are connected
 CLOSE_TIMEOUT = 10.0  # s that a scheduler may take to end
-_applied_setups: list[WorkerSetup] = []  # in a worker
 
 
 def _replace_nothing(names: Collection[Any]) -> None:
@@ -34,7 +31,7 @@ def _replace_nothing(names: Collection[Any]) -> None:
 
 
 class SchedulerConnection(NamedTuple):
-    """A connection to a scheduler."""
+    """Holds a connection to a scheduler."""
 
     client: Any  # distributed.Client
     end: Callable[[], None]  # what to do when the run ends
@@ -43,7 +40,7 @@ class SchedulerConnection(NamedTuple):
 
 
 class DaskWorkers:
-    """The workers of a Dask scheduler; see `Workers` for what its methods do.
+    """Uses the workers of a Dask scheduler; see `Workers` for what its methods do.
 
     `connect()` is called when the workers are first needed.
     """
@@ -69,7 +66,9 @@ class DaskWorkers:
 
     @property
     def connection(self) -> SchedulerConnection:
-        """The connection, made when it is first asked for; raises `ConfigError`, `WorkersGone`."""
+        """Returns the connection, made when it is first asked for; raises `ConfigError`,
+        `WorkersGone`.
+        """
         if self._connection is None:
             _silence_libraries()
             self._connection = self._connect()
@@ -125,7 +124,7 @@ class DaskWorkers:
         except WorkersGone:
             raise
         except Exception as error:  # Dask's own, or of a worker that lacks what it needs
-            raise ConfigError(f"a worker cannot do this: {_one_line(error)}") from error
+            raise ConfigError(f"a worker cannot do this: {one_line(error)}") from error
         self._addresses[future] = address
         if raised is not None:
             raise raised
@@ -187,14 +186,6 @@ def _silence_libraries() -> None:
             logging.getLogger(name).setLevel(logging.CRITICAL)
 
 
-async def exit_worker() -> None:
-    """Ends a worker whose thread hangs.
-
-    It is a coroutine, since Dask waits for the answer of anything else.
-    """
-    os._exit(1)
-
-
 def close_cluster(cluster: Any) -> None:
     """Ends a scheduler of this process, with the workers that it started."""
     cluster.close(timeout=CLOSE_TIMEOUT)
@@ -207,63 +198,3 @@ def _scheduler_reached() -> Iterator[None]:
         yield
     except (CancelledError, OSError) as error:
         raise WorkersGone(f"the cluster's scheduler is gone ({type(error).__name__})") from error
-
-
-def _one_line(error: Exception) -> str:
-    return f"{type(error).__name__}: {first_line(error)}"
-
-
-def run_in_worker(setup: bytes, work: bytes) -> tuple[str, Any, Exception | None]:
-    """Sets up the worker that it runs in if that is new, and calls a function.
-
-    Returns the worker's address, the result or None, and the error or None.
-
-    The function comes pickled, since unpickling it imports JAX, which must find its environment.
-    """
-    from distributed import get_worker
-
-    worker = get_worker()
-    try:
-        requested, versions, python = pickle.loads(setup)
-        if requested not in _applied_setups:
-            _check_worker(requested, versions, python, worker)
-            apply_setup(requested)
-            _applied_setups.append(requested)
-        function, args = pickle.loads(work)
-        return worker.address, function(*args), None
-    except Exception as error:
-        return worker.address, None, _picklable(error)
-
-
-def _picklable(error: Exception) -> Exception:
-    """Returns an exception that the other side can certainly unpickle."""
-    try:
-        pickle.loads(pickle.dumps(error))
-    except Exception:
-        return RuntimeError(_one_line(error))
-    return error
-
-
-def _check_worker(
-    setup: WorkerSetup, versions: Mapping[str, str], python: tuple[int, int], worker: Any
-) -> None:
-    """Raises `ConfigError` for a worker that would not give the same bits.
-
-    One that runs several functions at a time is refused, too.
-    """
-    name = f"the worker {worker.address}"
-    for package, wanted in versions.items():
-        installed = version(package)
-        if installed != wanted:
-            raise ConfigError(f"{name} has {package} {installed}, here it is {wanted}")
-    if sys.version_info[:2] != python:
-        raise ConfigError(f"{name} runs Python {sys.version_info[0]}.{sys.version_info[1]}")
-    threads = worker.state.nthreads
-    if threads != 1:
-        raise ConfigError(f"{name} has {threads} threads: start it with --nthreads 1")
-    for folder in setup.import_paths:
-        if not Path(folder).is_dir():
-            raise ConfigError(f"--config-dir: {name} does not see {folder}; it must be shared")
-    other_environment = _applied_setups and _applied_setups[0].variables != setup.variables
-    if other_environment and "jax" in sys.modules:
-        raise ConfigError(f"{name} was set up for another environment: start it again")

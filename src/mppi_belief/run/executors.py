@@ -18,12 +18,12 @@ _TIME = Text(r"(\d+-)?\d{1,2}:\d{2}:\d{2}", "a time such as 01:30:00")
 
 @dataclass
 class LocalExecutor:
-    """Processes on this machine."""
+    """Describes worker processes on this machine."""
 
 
 @dataclass
 class DaskExecutor:
-    """The workers of a Dask scheduler."""
+    """Describes the workers of a Dask scheduler."""
 
     address: str | None = None  # of the scheduler; None: start one here
     patience: float = ruled(Number(gt=0), 60.0)  # s until the scheduler must answer
@@ -31,7 +31,7 @@ class DaskExecutor:
 
 @dataclass
 class SlurmExecutor:
-    """Dask workers in jobs of Slurm, each with one core."""
+    """Describes Dask workers in jobs of Slurm, each with one core."""
 
     partition: str | None = None
     account: str | None = None

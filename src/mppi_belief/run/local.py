@@ -23,7 +23,7 @@ FAILED_STARTS = 3  # so many workers in a row may die before they have started
 
 
 class WorkerProcess:
-    """One worker process, started when it is first needed and again when it has died."""
+    """Runs one worker process, started when it is first needed and again when it has died."""
 
     def __init__(self, setup: WorkerSetup) -> None:
         self._setup = setup
@@ -42,7 +42,7 @@ class WorkerProcess:
 
     @property
     def process_ids(self) -> list[int]:
-        """The id of the running process; [] if there is none."""
+        """Returns the id of the running process; [] if there is none."""
         return [process.pid for process in self._processes if process.pid and process.is_alive()]
 
     def submit(self, function: Callable[..., Any], *args: Any) -> Future[Any]:
@@ -99,7 +99,7 @@ class WorkerProcess:
 
 
 class LocalWorkers:
-    """A number of workers on this machine; see `Workers` for what its methods do."""
+    """Runs a number of workers on this machine; see `Workers` for what its methods do."""
 
     grain = 0.5  # s; starting a chunk and writing its results takes some milliseconds
 
@@ -112,7 +112,7 @@ class LocalWorkers:
 
     @property
     def process_ids(self) -> list[int]:
-        """The ids of the worker processes that run."""
+        """Returns the ids of the worker processes that run."""
         return [pid for process in self._processes for pid in process.process_ids]
 
     def room(self) -> int:

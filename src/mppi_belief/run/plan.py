@@ -16,7 +16,7 @@ MOST_CHUNKS = 200  # per worker and cell
 
 
 class Job(Protocol):
-    """What a chunk is a part of: a cell of a study, or a named task."""
+    """Describes what a chunk is a part of: a cell of a study, or a named task."""
 
     @property
     def id(self) -> str: ...
@@ -25,14 +25,14 @@ class Job(Protocol):
 
 
 class NamedTask(NamedTuple):
-    """A function call that is a job by itself; its only chunk has the trial 0."""
+    """Represents a function call that is a job by itself; its only chunk has the trial 0."""
 
     id: str
     config: dict[str, Any]  # the function's argument
 
 
 class Chunk(NamedTuple):
-    """Trials of one job that one worker runs in one go."""
+    """Represents trials of one job that one worker runs in one go."""
 
     job: Job
     trials: tuple[int, ...]  # ascending
@@ -62,7 +62,7 @@ class Chunk(NamedTuple):
 
 
 class Shard(NamedTuple):
-    """The i-th of n parts of a study, 1 <= i <= n."""
+    """Represents the i-th of n parts of a study, 1 <= i <= n."""
 
     i: int
     n: int

@@ -37,7 +37,7 @@ TICK = 0.25  # s between two looks at stop requests, clocks and results that wai
 
 
 class CompletedBatch(NamedTuple):
-    """Trials of a job that have ended."""
+    """Holds trials of a job that have ended."""
 
     job: Job
     trials: tuple[int, ...]
@@ -169,7 +169,7 @@ class Pool:
     def _collect_all(
         self, ended: Iterable[Future[Any]]
     ) -> tuple[list[CompletedBatch], Exception | None]:
-        """Returns the batches of chunks that have ended, and the error that ends the run, or None."""
+        """Returns the batches of ended chunks, and the error that ends the run, or None."""
         completed: list[CompletedBatch] = []
         run_error: Exception | None = None
         for future in ended:
@@ -210,7 +210,9 @@ class Pool:
             raise ConfigError(report.mistake)
 
     def _after_crash(self, chunk: Chunk, ended_for_time: bool) -> Iterator[CompletedBatch]:
-        """Queues a chunk whose worker died again, or yields its only trial with its failure."""
+        """Puts a chunk whose worker died back into the queue, or yields its only trial with its
+        failure.
+        """
         verdict = self._crashes.judge(chunk, ended_for_time)
         self._log(verdict.message)
         self._queue.repeat_next(*verdict.retry)

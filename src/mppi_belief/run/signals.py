@@ -12,7 +12,7 @@ STOPPING = {signal.SIGINT, signal.SIGTERM}
 
 
 class StoppedAtOnce(Exception):
-    """A second signal came."""
+    """Says that a second signal came."""
 
 
 class StopRequest:

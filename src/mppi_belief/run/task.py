@@ -7,7 +7,7 @@ from .plan import WHOLE, Shard
 
 
 class TrialFunctions(NamedTuple):
-    """What is done for a cell, as functions of its configuration that a worker can import.
+    """Names what is done for a cell, as functions of its configuration that a worker can import.
 
     `run` knows nothing else of a trial.
     """
@@ -23,7 +23,7 @@ class TrialFunctions(NamedTuple):
 
 
 class StudyOrder(NamedTuple):
-    """How much of a study is run."""
+    """Says how much of a study is run."""
 
     n_trials: int  # of each cell
     shard: Shard = WHOLE  # which part of them
@@ -32,7 +32,7 @@ class StudyOrder(NamedTuple):
 
 
 class StudyOutcome(NamedTuple):
-    """How a study ended."""
+    """Says how a study ended."""
 
     ran: dict[str, int]  # trials that were run now, by cell id
     done_before: dict[str, int]  # trials that were done before, by cell id

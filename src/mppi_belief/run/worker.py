@@ -20,21 +20,21 @@ from .signals import STOPPING
 
 
 class WorkerSetup(NamedTuple):
-    """What a worker is given before any work is imported."""
+    """Holds what a worker is given before any work is imported."""
 
     import_paths: Sequence[str]  # folders that are added to its module search path
     variables: dict[str, str]  # environment variables
 
 
 class Failure(NamedTuple):
-    """Why trials have no result."""
+    """Says why trials have no result."""
 
     status: str  # "error", "crashed" or "timeout"
     error: str  # one line
 
 
 class ChunkReport(NamedTuple):
-    """What became of the trials of a chunk."""
+    """Says what became of the trials of a chunk."""
 
     outcomes: list[
         tuple[tuple[int, ...], Any]
@@ -48,7 +48,7 @@ class ChunkReport(NamedTuple):
 
 
 class TimeLimitExceeded(Exception):
-    """A function took too long; its thread still runs."""
+    """Says that a function took too long; its thread still runs."""
 
 
 def apply_setup(setup: WorkerSetup) -> None:

@@ -6,11 +6,11 @@ from typing import Any, Protocol
 
 
 class WorkerDied(Exception):
-    """A worker ended before its function did."""
+    """Says that a worker ended before its function did."""
 
 
 class WorkersGone(Exception):
-    """No worker is left and none can be started; the message is one line that says why."""
+    """Says that no worker is left and none can be started; the message is one line that says why."""
 
 
 class Workers(Protocol):
