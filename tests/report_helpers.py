@@ -11,9 +11,9 @@ from mppi_belief.config.cell import Cell
 from mppi_belief.report.cell_results import CellResults, read_cell_results
 from mppi_belief.results import files
 from mppi_belief.results import table as results
+from mppi_belief.results.columns import PATH_COLUMNS
 from study_helpers import config, failed_row, row
 
-PATH_COLUMNS = ("trial", "step", "state", "mean", "cov", "control")
 SCENE: dict[str, Any] = {
     "dt": 0.1,
     "start": [1.0, 1.0],

@@ -24,8 +24,7 @@ from mppi_belief.config.cell import Cell
 from mppi_belief.report import figures, published
 from mppi_belief.report.cell_results import METHOD_NAMES, CellResults
 from mppi_belief.report.figures import plane, points, style
-from mppi_belief.results.columns import COLUMNS
-from report_helpers import PATH_COLUMNS
+from mppi_belief.results.columns import COLUMNS, PATH_COLUMNS
 from study_helpers import config, failed_row, row
 
 STEPS, DT = 14, 0.1

@@ -20,7 +20,7 @@ from .columns import COLUMNS, PATH_COLUMNS
 from .files import read_json
 from .table import ResultsFile, read_files
 
-EVERYTHING = ("paths", "part", "json")  # kinds of files, in the order in which they are read
+ALL_KINDS = ("paths", "part", "json")  # kinds of files, in the order in which they are read
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ class CellContents:
         return pd.concat(frames).drop_duplicates(key).sort_values(key, ignore_index=True)
 
 
-def read_cell(folder: Path, kinds: tuple[str, ...] = EVERYTHING) -> CellContents:
+def read_cell(folder: Path, kinds: tuple[str, ...] = ALL_KINDS) -> CellContents:
     """Reads the files of a cell, or those of some kinds.
 
     A file that cannot be read is left out, with a line in `problems`.
