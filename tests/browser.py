@@ -67,8 +67,10 @@ def look(page: str, widths: Sequence[int], folder: Path) -> tuple[list[Seen], li
     wrapper = folder / "wrapper.html"
     wrapper.write_text(WRAPPER.format(frames=frames), encoding="utf-8")
     dump, log = _browse(wrapper, folder / "profile")
-    seen = json.loads(html.unescape(re.findall(r'<pre id="seen">(.*?)</pre>', dump)[-1]))
-    return [Seen(**one) for one in seen], [line for line in log.splitlines() if ":CONSOLE" in line]
+    views = json.loads(html.unescape(re.findall(r'<pre id="seen">(.*?)</pre>', dump)[-1]))
+    return [Seen(**view) for view in views], [
+        line for line in log.splitlines() if ":CONSOLE" in line
+    ]
 
 
 def _browse(file: Path, profile: Path) -> tuple[str, str]:

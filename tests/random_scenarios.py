@@ -35,16 +35,16 @@ Numbers = dict[str, Any]
 
 
 class Watch(NamedTuple):
-    """What the controller was told and what it made of it."""
+    """Holds the belief that the controller got, and its diagnostics."""
 
     ess: Array
-    told: Any
-    made: Any
+    controller_belief: Any
+    diagnostics: Any
 
 
 @mb.struct
 class Watched:
-    """A controller whose diagnostics tell what it saw."""
+    """Adds the belief that a controller gets to its diagnostics."""
 
     inner: Any
 
@@ -214,21 +214,21 @@ def sizes(system: str) -> tuple[int, int, int]:
 def problem(system: str, n: Numbers) -> mb.Problem:
     """One scenario's problem."""
     obstacles = mb.Obstacles(n["centers"], n["radius"])
-    made: Any
+    dynamics: Any
     if system == "light_dark":
-        made = mb.LightDark(n["process_noise"], 1.0, n["noise_slope"], n["sensor_noise"][0])
+        dynamics = mb.LightDark(n["process_noise"], 1.0, n["noise_slope"], n["sensor_noise"][0])
     elif system == "scalar_linear":
-        made = mb.ScalarLinear(
+        dynamics = mb.ScalarLinear(
             n["A"][0], n["B"][0], n["C"][0], n["process_noise"], n["sensor_noise"][0]
         )
     else:
-        made = mb.Linear(n["A"], n["B"], n["C"], n["channel"], n["sensor_noise"])
+        dynamics = mb.Linear(n["A"], n["B"], n["C"], n["channel"], n["sensor_noise"])
     weights = _of(
         n, "goal", "running_weight", "terminal_weight", "control_weight", "w_obs", "bump_width"
     )
     cost = mb.GoalObstacleCost(**weights)
     return mb.Problem(
-        made,
+        dynamics,
         cost,
         n["prior_mean"],
         n["prior_std"],
@@ -245,8 +245,8 @@ class Loop(NamedTuple):
 
     trial: mb.Trial
     metrics: mb.Metrics
-    told: Any
-    made: Any
+    controller_belief: Any
+    diagnostics: Any
 
 
 def loops(system: str, method: str) -> Callable[[Numbers], Loop]:
@@ -255,22 +255,27 @@ def loops(system: str, method: str) -> Callable[[Numbers], Loop]:
     """
     filter, controller = METHODS[method]
 
-    def one(n: Numbers) -> Loop:
+    def closed_loop_of(n: Numbers) -> Loop:
         posed = problem(system, n)
         watched = Watched(controller(n))
         trial, notes = closed_loop(
-            posed, filter(), watched, 0, n["trial"], lambda info: (info.told, info.made)
+            posed,
+            filter(),
+            watched,
+            0,
+            n["trial"],
+            lambda info: (info.controller_belief, info.diagnostics),
         )
         return Loop(trial, mb.metrics(posed, trial), *notes)
 
-    return quick_jit(jax.vmap(one))
+    return quick_jit(jax.vmap(closed_loop_of))
 
 
-def lost(found: Loop) -> np.ndarray:
+def lost(loop: Loop) -> np.ndarray:
     """What left the finite numbers first in each scenario (B,): "", control, paths (the costs of
     all that were sampled at a step), state, belief or cost.
     """
-    trial = found.trial
+    trial = loop.trial
     gone = {
         "control": ~_finite(trial.controls),
         "paths": trial.ess == 0,
@@ -284,7 +289,7 @@ def lost(found: Loop) -> np.ndarray:
     )
     names = np.array(list(gone))[np.argmin(first, axis=1)]
     return np.where(
-        first.min(axis=1) >= STEPS, np.where(np.isfinite(found.metrics.cost), "", "cost"), names
+        first.min(axis=1) >= STEPS, np.where(np.isfinite(loop.metrics.cost), "", "cost"), names
     )
 
 
@@ -293,24 +298,26 @@ def _finite(values: np.ndarray) -> np.ndarray:
     return np.isfinite(values).reshape(*values.shape[:2], -1).all(-1)
 
 
-def violations(found: Loop, dtype: str) -> dict[str, np.ndarray]:
+def violations(loop: Loop, dtype: str) -> dict[str, np.ndarray]:
     """What does not hold, (B,) each, for the scenarios that stayed finite."""
     eps = float(np.finfo(dtype).eps)
-    kept = lost(found) == ""
-    checks = {"filter covariance": _not_semidefinite(found.trial.beliefs.cov, dtype)}
-    planned = getattr(found.made, "planned_cov", None)
+    finite = lost(loop) == ""
+    checks = {"filter covariance": _not_semidefinite(loop.trial.beliefs.cov, dtype)}
+    planned = getattr(loop.diagnostics, "planned_cov", None)
     if planned is not None:
         checks["planned covariance"] = _not_semidefinite(planned, dtype)
-    if hasattr(found.made, "weights"):
-        checks["weights"] = _not_weights(found.made.weights, eps)
-        ess = found.trial.ess
-        n = found.made.weights.shape[-1]
+    if hasattr(loop.diagnostics, "weights"):
+        checks["weights"] = _not_weights(loop.diagnostics.weights, eps)
+        ess = loop.trial.ess
+        n = loop.diagnostics.weights.shape[-1]
         checks["effective sample size"] = ~np.all(
             (ess >= 1 - n * eps) & (ess <= n * (1 + n * eps)), axis=1
         )
-    if hasattr(found.told, "log_weights"):
-        checks["particle weights"] = _not_weights(np.exp(found.told.log_weights.astype(float)), eps)
-    return {name: bad & kept for name, bad in checks.items()}
+    if hasattr(loop.controller_belief, "log_weights"):
+        checks["particle weights"] = _not_weights(
+            np.exp(loop.controller_belief.log_weights.astype(float)), eps
+        )
+    return {name: bad & finite for name, bad in checks.items()}
 
 
 def _not_semidefinite(cov: np.ndarray, dtype: str) -> np.ndarray:
@@ -347,8 +354,12 @@ def studied(
                     name: values[np.arange(first, first + size) % count]
                     for name, values in numbers.items()
                 }
-                found = jax.device_get(run(part))
-                yield method, first, jax.tree.map(lambda a, first=first: a[: count - first], found)
+                results = jax.device_get(run(part))
+                yield (
+                    method,
+                    first,
+                    jax.tree.map(lambda a, first=first: a[: count - first], results),
+                )
 
 
 def main() -> None:
@@ -369,18 +380,18 @@ def main() -> None:
         for system in chosen:
             count = -(-options.count // len(chosen))
             tally: dict[str, Counter] = {}
-            for method, first, found in studied(
+            for method, first, results in studied(
                 system, count, options.seed, options.method or list(METHODS), dtype
             ):
                 counts = tally.setdefault(method, Counter())
-                names = lost(found)
+                names = lost(results)
                 counts.update(
                     {
                         name or "ok": int(np.sum(names == name))
                         for name in map(str, np.unique(names))
                     }
                 )
-                for name, bad in violations(found, dtype).items():
+                for name, bad in violations(results, dtype).items():
                     if bad.any():
                         counts[f"VIOLATION {name}"] += int(bad.sum())
                         worst += int(bad.sum())

@@ -32,10 +32,10 @@ def setting(
     method: str = "belief", theta: float = 1.0, w_obs: float = 500.0, seed: int = 0, **swept: Any
 ) -> Cell:
     """A cell by the labels that a report goes by."""
-    made = config(seed)
-    names = made["names"] | {"controller": method}
+    base = config(seed)
+    names = base["names"] | {"controller": method}
     groups = {"controller": {"path_cost": {"theta": theta}}, "cost": {"w_obs": w_obs}}
-    return Cell(made | groups | {"names": names, "swept": swept})
+    return Cell(base | groups | {"names": names, "swept": swept})
 
 
 def spread_out(n: int, mean: float, sd: float) -> np.ndarray:

@@ -106,46 +106,50 @@ def test_a_stop_of_a_pendulum_is_an_angle():
 
 
 def test_the_order_of_the_state_changes_no_moment(x64, rng):
-    problem, other = light_dark_problem(), velocity_first()
+    problem = light_dark_problem()
+    reordered = velocity_first()
     mean = np.array([2.5, 0.6, 0.3, -0.2])
     cov = 0.05 * random_spd(rng, 4)
     expected = running_moments(problem, mean, cov)
-    found = running_moments(other, mean[ORDER], cov[np.ix_(ORDER, ORDER)])
-    np.testing.assert_allclose(found, expected, rtol=1e-12)
-    penalty = other.penalty(jnp.asarray(mean[ORDER]))
+    actual = running_moments(reordered, mean[ORDER], cov[np.ix_(ORDER, ORDER)])
+    np.testing.assert_allclose(actual, expected, rtol=1e-12)
+    penalty = reordered.penalty(jnp.asarray(mean[ORDER]))
     np.testing.assert_allclose(penalty, problem.penalty(jnp.asarray(mean)), rtol=1e-12)
 
 
 def test_a_full_weight_is_reordered_on_both_axes(x64, rng):
-    problem, other = light_dark_problem(), velocity_first()
+    problem = light_dark_problem()
+    reordered = velocity_first()
     weight = random_spd(rng, 4)
     block = np.ix_(ORDER, ORDER)
     problem = replace(problem, cost=replace(problem.cost, running_weight=weight))
-    other = replace(other, cost=replace(other.cost, running_weight=weight[block]))
+    reordered = replace(reordered, cost=replace(reordered.cost, running_weight=weight[block]))
     mean = np.array([2.5, 0.6, 0.3, -0.2])
     cov = 0.05 * random_spd(rng, 4)
-    found = running_moments(other, mean[ORDER], cov[block])
-    np.testing.assert_allclose(found, running_moments(problem, mean, cov), rtol=1e-12)
+    actual = running_moments(reordered, mean[ORDER], cov[block])
+    np.testing.assert_allclose(actual, running_moments(problem, mean, cov), rtol=1e-12)
 
 
 def test_the_order_of_the_state_changes_no_trial(x64):
     run = jax.jit(mb.simulate_trial)
     planner = mb.MPPI(n_samples=32, horizon=6, sampler=mb.NominalSampler(control_std=2.75))
     problem = light_dark_problem(steps=10, prior_std=np.zeros(4))
-    other = replace(velocity_first(), steps=10, prior_std=np.zeros(4))
-    assert isinstance(other.system, System)
+    reordered = replace(velocity_first(), steps=10, prior_std=np.zeros(4))
+    assert isinstance(reordered.system, System)
     trial = run(problem, mb.EKF(), planner, 0, 0)
-    same = run(other, mb.EKF(), planner, 0, 0)
+    same = run(reordered, mb.EKF(), planner, 0, 0)
     np.testing.assert_allclose(same.states, trial.states[:, np.array(ORDER)], atol=1e-8)
     expected = jax.tree.map(float, mb.metrics(problem, trial))
-    assert jax.tree.map(float, mb.metrics(other, same)) == pytest.approx(expected, rel=1e-6)
+    assert jax.tree.map(float, mb.metrics(reordered, same)) == pytest.approx(expected, rel=1e-6)
 
 
 def test_the_scene_of_a_picture_is_that_of_the_position():
-    scene, other = describe_scene(light_dark_problem()), describe_scene(velocity_first())
-    assert (scene.pop("position"), other.pop("position")) == ([0, 1], [2, 3])
-    noise, same = scene.pop("noise"), other.pop("noise")
-    assert scene == other
+    scene = describe_scene(light_dark_problem())
+    reordered = describe_scene(velocity_first())
+    assert (scene.pop("position"), reordered.pop("position")) == ([0, 1], [2, 3])
+    noise = scene.pop("noise")
+    same = reordered.pop("noise")
+    assert scene == reordered
     assert scene["obstacles"] == CENTERS
     np.testing.assert_allclose(noise["level"], same["level"], rtol=1e-6)
 

@@ -48,10 +48,10 @@ def quick() -> Iterator[None]:
 
 @pytest.mark.parametrize("name", mb.__all__)
 def test_every_public_name_is_there_and_documented(name):
-    found = getattr(mb, name)
+    value = getattr(mb, name)
     assert name in dir(mb)
     if name != "__version__":
-        text = inspect.getdoc(found)
+        text = inspect.getdoc(value)
         assert text
         assert not text.startswith(f"{name}(")  # what a dataclass or a named tuple writes by itself
         assert len(text) > 20
@@ -99,10 +99,10 @@ def test_type_checkers_see_the_public_types(tmp_path, monkeypatch):
     program.write_text(USE)
     options = ["--config-file", str(ROOT / "pyproject.toml"), "--cache-dir", str(CACHE)]
     lines = api.run([*options, "--no-error-summary", str(program)])[0].splitlines()
-    found = [re.sub(r"^.*?:(\d+): ", r"\1 ", line) for line in lines if "program.py" in line]
-    assert [line.split(" ")[0] for line in found] == ["9", "10", "11", "12", "13"]
+    value = [re.sub(r"^.*?:(\d+): ", r"\1 ", line) for line in lines if "program.py" in line]
+    assert [line.split(" ")[0] for line in value] == ["9", "10", "11", "12", "13"]
     for line, words in zip(
-        found,
+        value,
         ["Array", "Array", "incompatible type", "Missing positional", "no attribute"],
         strict=True,
     ):
@@ -171,5 +171,5 @@ def test_the_numbers_are_those_of_this_version(setting):
     ]
     batch = run_trials(compose(*setting, *small), range(3))
     columns = [name for name in Metrics._fields if name != "collided"]
-    found = [[row[name] for name in columns] for row in batch.rows]
-    np.testing.assert_allclose(found, GOLDEN[setting], rtol=1e-3)
+    value = [[row[name] for name in columns] for row in batch.rows]
+    np.testing.assert_allclose(value, GOLDEN[setting], rtol=1e-3)

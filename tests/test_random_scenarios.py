@@ -22,19 +22,19 @@ TINY = float(np.finfo(np.float32).eps)
     [("light_dark", "belief"), ("light_dark", "belief, laplace"), ("linear_3_2_2", "algorithm_1")],
 )
 def test_covariances_weights_and_controls_hold_in_random_scenarios(system, method):
-    (_, _, found), *_ = random_scenarios.studied(system, 120, 1, [method], "float32")
+    (_, _, actual), *_ = random_scenarios.studied(system, 120, 1, [method], "float32")
     bad = {
         name: np.flatnonzero(wrong)
-        for name, wrong in random_scenarios.violations(found, "float32").items()
+        for name, wrong in random_scenarios.violations(actual, "float32").items()
     }
     assert all(len(scenarios) == 0 for scenarios in bad.values()), bad
-    said = [
-        divergence(*jax.tree.map(lambda a, i=i: a[i], (found.metrics, found.trial)))
+    messages = [
+        divergence(*jax.tree.map(lambda a, i=i: a[i], (actual.metrics, actual.trial)))
         for i in range(120)
     ]
-    names = random_scenarios.lost(found)
-    assert [text is not None for text in said] == (names != "").tolist()
-    assert np.all(np.isfinite(found.trial.controls[names == ""]))
+    names = random_scenarios.lost(actual)
+    assert [text is not None for text in messages] == (names != "").tolist()
+    assert np.all(np.isfinite(actual.trial.controls[names == ""]))
     # of the light-dark vehicle no scenario is impossible, of random systems the violently unstable
     # are
     assert np.mean(names == "") == 1 if system == "light_dark" else 0.5 < np.mean(names == "") < 1
@@ -51,10 +51,10 @@ def test_two_measurements_of_a_rank_one_belief_a_million_times_their_noise_in_fl
     after, K, moves = quick_jit(belief.potter_update)(
         pivoted_cholesky(cov), jnp.asarray(C), jnp.diag(noise**2)
     )
-    found = np.asarray(gaussians.covariance(after), float)
-    values = np.linalg.eigvalsh(found)
+    actual = np.asarray(gaussians.covariance(after), float)
+    values = np.linalg.eigvalsh(actual)
     assert values[0] >= -9 * TINY * values[-1]
-    np.testing.assert_allclose(found, exact * np.outer(root, root), rtol=1e-3)
+    np.testing.assert_allclose(actual, exact * np.outer(root, root), rtol=1e-3)
     np.testing.assert_allclose(np.asarray(moves @ moves.T, float), np.outer(root, root), rtol=1e-5)
     assert np.all(np.isfinite(K))
 
@@ -77,9 +77,9 @@ def test_roots_of_semidefinite_matrices_in_any_units(scale, rank, rng):
     units = scale * 10 ** rng.uniform(-5, 5, 4)
     half = rng.normal(size=(4, rank)) * units[:, None]
     M = (half @ half.T).astype(np.float32)
-    found = np.asarray(pivoted_cholesky(jnp.asarray(M)), float)
-    np.testing.assert_array_less(np.abs(found @ found.T - M) / np.outer(units, units), 1e-5)
-    np.testing.assert_array_equal(found[:, rank:], 0)
+    actual = np.asarray(pivoted_cholesky(jnp.asarray(M)), float)
+    np.testing.assert_array_less(np.abs(actual @ actual.T - M) / np.outer(units, units), 1e-5)
+    np.testing.assert_array_equal(actual[:, rank:], 0)
     L = np.asarray(tria(jnp.asarray(np.hstack([half, half]), jnp.float32)), float)
     np.testing.assert_array_less(np.abs(L @ L.T - 2 * M) / np.outer(units, units), 1e-5)
     np.testing.assert_array_equal(np.triu(L, 1), 0)
@@ -112,8 +112,8 @@ def test_a_riccati_step_keeps_slow_decay_beside_a_very_good_sensor_in_float32():
     zero = jnp.zeros((2, 2))
     C = jnp.array([[1.0, 0.0]])
     R_o = jnp.array([[1e-9]])
-    found = quick_jit(belief.riccati_step)(jnp.eye(2), A, zero, C, R_o, 1.0)
-    np.testing.assert_allclose(np.diag(found), [1e-9, np.exp(-2)], rtol=0.01)  # eps sqrt(1 / 1e-9)
+    actual = quick_jit(belief.riccati_step)(jnp.eye(2), A, zero, C, R_o, 1.0)
+    np.testing.assert_allclose(np.diag(actual), [1e-9, np.exp(-2)], rtol=0.01)  # eps sqrt(1 / 1e-9)
 
 
 def test_weights_where_costs_over_the_temperature_overflow():

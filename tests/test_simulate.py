@@ -66,16 +66,16 @@ def test_the_same_seed_and_trial_give_the_same_bits(problem, x64):
 
 
 def test_trials_and_seeds_differ(problem, x64):
-    trial, other = (run(problem, Feedback(1.0), seed=seed) for seed in (0, 1))
+    trial, second = (run(problem, Feedback(1.0), seed=seed) for seed in (0, 1))
     assert np.all(trial.states[0] != trial.states[1])
-    assert np.all(trial.states != other.states)
+    assert np.all(trial.states != second.states)
 
 
 def test_a_trials_noise_does_not_depend_on_the_other_trials(problem, x64):
-    one, other = (
+    first, second = (
         run(problem, Feedback(1.0), numbers=numbers) for numbers in ((3, 4, 5), (0, 3, 7))
     )
-    np.testing.assert_allclose(one.states[0], other.states[1], rtol=1e-12)
+    np.testing.assert_allclose(first.states[0], second.states[1], rtol=1e-12)
 
 
 def test_common_random_numbers_whatever_the_controller(problem, x64):
@@ -84,10 +84,10 @@ def test_common_random_numbers_whatever_the_controller(problem, x64):
     planner = run(
         problem, mb.MPPI(n_samples=8, horizon=4, sampler=mb.NominalSampler(control_std=2.75))
     )
-    for other in (busy, planner):
-        np.testing.assert_array_equal(idle.states[:, 0], other.states[:, 0])
-        assert np.abs(idle.states[:, -1] - other.states[:, -1]).max() > 0.1
-        for ours, theirs in zip(residuals(idle), residuals(other), strict=True):
+    for second in (busy, planner):
+        np.testing.assert_array_equal(idle.states[:, 0], second.states[:, 0])
+        assert np.abs(idle.states[:, -1] - second.states[:, -1]).max() > 0.1
+        for ours, theirs in zip(residuals(idle), residuals(second), strict=True):
             np.testing.assert_allclose(ours, theirs, atol=1e-12)
 
 
@@ -160,8 +160,8 @@ def test_beliefs_start_at_the_prior_and_follow_the_filter(problem, x64):
 
 def test_metrics_equal_a_recomputation(problem, x64):
     trial = run(problem, Feedback(0.7))
-    found = jax.tree.map(
-        np.asarray, quick_jit(jax.vmap(lambda one: mb.metrics(problem, one)))(trial)
+    metrics_of_trials = jax.tree.map(
+        np.asarray, quick_jit(jax.vmap(lambda trial: mb.metrics(problem, trial)))(trial)
     )
     goal = np.array([7.0, 0, 0, 0])
     Q = np.diag([1.5, 1.5, 0.6, 0.6])
@@ -184,9 +184,9 @@ def test_metrics_equal_a_recomputation(problem, x64):
             np.linalg.norm(x[-1, :2] - [7, 0]),
         ]
         np.testing.assert_allclose(
-            [part[i] for part in found][:6], np.array(expected, dtype=float), rtol=1e-12
+            [part[i] for part in metrics_of_trials][:6], np.array(expected, dtype=float), rtol=1e-12
         )
-        assert found.ess[i] == 1
+        assert metrics_of_trials.ess[i] == 1
 
 
 @pytest.mark.parametrize("touched", [0, 7, STEPS])

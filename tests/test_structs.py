@@ -68,13 +68,13 @@ def test_a_bad_value_is_refused_by_name(field, value, reason):
 
 
 def test_values_are_converted_once_and_for_all():
-    made = thermostat(
+    device = thermostat(
         gain=np.float32(3), limit=np.asarray(2), weights=(1, 2), count=np.int64(7), offset=1
     )
-    assert type(made.gain) is type(made.limit) is type(made.offset) is float
-    assert type(made.count) is int
-    assert isinstance(made.weights, np.ndarray)
-    assert made.weights.dtype == float
+    assert type(device.gain) is type(device.limit) is type(device.offset) is float
+    assert type(device.count) is int
+    assert isinstance(device.weights, np.ndarray)
+    assert device.weights.dtype == float
     assert thermostat(limit=5).limit == 5
 
 
@@ -85,12 +85,12 @@ def test_the_first_choice_and_none_are_defaults():
 
 
 def test_structs_are_frozen_and_replace_checks_again():
-    made = thermostat()
+    device = thermostat()
     with pytest.raises(dataclasses.FrozenInstanceError):
-        made.gain = 2.0
-    assert dataclasses.replace(made, gain=2).gain == 2.0
+        device.gain = 2.0
+    assert dataclasses.replace(device, gain=2).gain == 2.0
     with pytest.raises(ValueError, match="gain"):
-        dataclasses.replace(made, gain=-2)
+        dataclasses.replace(device, gain=-2)
 
 
 def test_numbers_and_arrays_are_leaves_sizes_and_choices_are_not():
@@ -105,9 +105,9 @@ def test_jit_traces_once_for_all_numbers_and_again_for_a_size_or_choice():
     traces = []
 
     @jax.jit
-    def run(made: Thermostat) -> Array:
-        traces.append(made)
-        return made.output(jnp.ones(2))
+    def run(device: Thermostat) -> Array:
+        traces.append(device)
+        return device.output(jnp.ones(2))
 
     for gain in (1.0, 2.0, 0.0):
         assert run(thermostat(gain=gain, weights=[gain, 1.0])) == gain * (gain + 1) * 4
@@ -126,20 +126,20 @@ def test_vmap_and_grad_go_through_a_struct():
         lambda *leaves: jnp.stack(leaves), *[thermostat(gain=g) for g in (1.0, 2.0, 3.0)]
     )
     np.testing.assert_allclose(
-        jax.vmap(lambda made: made.output(jnp.ones(2)))(stacked), [12, 24, 36]
+        jax.vmap(lambda device: device.output(jnp.ones(2)))(stacked), [12, 24, 36]
     )
-    slope = jax.grad(lambda made: made.output(jnp.ones(2)))(thermostat())
+    slope = jax.grad(lambda device: device.output(jnp.ones(2)))(thermostat())
     assert slope.gain == 12
     np.testing.assert_allclose(slope.weights, [4, 4])
 
 
 def test_traced_values_pass_unchecked():
-    made = jax.jit(lambda gain: thermostat(gain=gain).output(jnp.ones(2)))(-1.0)
-    assert made == -12
+    device = jax.jit(lambda gain: thermostat(gain=gain).output(jnp.ones(2)))(-1.0)
+    assert device == -12
 
 
 @pytest.mark.parametrize(
-    "duplicate", [copy.deepcopy, lambda made: pickle.loads(pickle.dumps(made))]
+    "duplicate", [copy.deepcopy, lambda device: pickle.loads(pickle.dumps(device))]
 )
 def test_copies_and_pickles_are_equal(duplicate):
     problem = light_dark_problem()

@@ -83,8 +83,8 @@ def test_lines_functions_and_comments_are_counted(write):
 
 def test_private_attributes_of_the_package_are_found(write):
     code = "from mppi_belief.results import _TYPES\nself._x\npool._workers\nrow._replace(a=1)"
-    found = [finding.text for finding in measures.reached_privates(write(module=code))]
-    assert found == ["private attribute: _TYPES", "private attribute: _workers"]
+    texts = [finding.text for finding in measures.reached_privates(write(module=code))]
+    assert texts == ["private attribute: _TYPES", "private attribute: _workers"]
 
 
 def test_the_report_has_a_column_per_checkout(capsys):

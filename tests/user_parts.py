@@ -35,7 +35,7 @@ class PlainDataclass:
     """A dataclass, but no struct: its fields are unchecked and JAX does not know it."""
 
     gain: float = 1.0
-    made: None = field(default=None, init=False)
+    derived: None = field(default=None, init=False)
 
     def __post_init__(self) -> None:
         CALLS.append("PlainDataclass")
