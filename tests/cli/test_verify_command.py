@@ -19,7 +19,7 @@ from mppi_belief.results.certificate_files import (
     load_certificates,
     store_certificate,
 )
-from mppi_belief.verify import runner
+from mppi_belief.verify import compute
 from mppi_belief.verify.bands import at_most
 from study_helpers import poll, workers_of
 
@@ -41,10 +41,10 @@ def instant(monkeypatch) -> list[tuple]:
     """Certificates that cost nothing, the last of which fails for seed 13; the calls that were made."""
     calls = []
 
-    def certify_all(names, seed, workers) -> Iterator[runner.CertificateOutcome]:
+    def certify_all(names, seed, workers) -> Iterator[compute.CertificateOutcome]:
         calls.append((tuple(names), seed, workers))
         for name in reversed(names):
-            yield runner.CertificateOutcome(
+            yield compute.CertificateOutcome(
                 name, made(name, 2.0 if seed == 13 and name == names[-1] else 0.0), "", 0.5
             )
 
@@ -123,7 +123,7 @@ def test_what_cannot_be_written_is_exit_74(verify, instant, tmp_path):
 
 
 def test_a_keyboard_interrupt_is_exit_130(verify, monkeypatch):
-    def stopped(*args) -> Iterator[runner.CertificateOutcome]:
+    def stopped(*args) -> Iterator[compute.CertificateOutcome]:
         raise KeyboardInterrupt
 
     monkeypatch.setattr(certify_on_pool, "certify_all", stopped)
@@ -157,12 +157,12 @@ def test_a_process_that_always_dies_is_given_up():
     assert "died 2 times" in outcome.error
 
 
-def die_once(marker: str, config: dict, trials: Sequence[int]) -> runner.CertificateOutcome:
+def die_once(marker: str, config: dict, trials: Sequence[int]) -> compute.CertificateOutcome:
     """Ends the first process that computes a certificate."""
     if not Path(marker).exists():
         Path(marker).write_text("")
         os._exit(3)
-    return runner.compute_certificate(config, trials)
+    return compute.compute_certificate(config, trials)
 
 
 def test_a_process_that_dies_once_takes_nothing_with_it(tmp_path):
@@ -178,9 +178,9 @@ def test_what_could_not_be_computed_leaves_what_was_stored(verify, instant, tmp_
     verify("verify_dir=here")
     before = (tmp_path / "here" / "cole_hopf.json").read_bytes()
 
-    def certify_all(names, *rest) -> Iterator[runner.CertificateOutcome]:
-        yield runner.CertificateOutcome("cole_hopf", None, "ValueError: no", 0.1)
-        yield runner.CertificateOutcome("feynman_kac", made("feynman_kac"), "", 0.1)
+    def certify_all(names, *rest) -> Iterator[compute.CertificateOutcome]:
+        yield compute.CertificateOutcome("cole_hopf", None, "ValueError: no", 0.1)
+        yield compute.CertificateOutcome("feynman_kac", made("feynman_kac"), "", 0.1)
 
     monkeypatch.setattr(certify_on_pool, "certify_all", certify_all)
     said = verify("cole_hopf", "feynman_kac", "verify_dir=here")

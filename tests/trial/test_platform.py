@@ -181,7 +181,7 @@ def test_a_plugin_that_fails_is_the_reason_and_no_traceback(monkeypatch, caplog)
 def test_the_setting_of_jax_is_made_where_a_process_starts_to_compute_and_not_at_import():
     program = (
         "import jax\n"
-        "import mppi_belief.trial, mppi_belief.verify.runner\n"
+        "import mppi_belief.trial, mppi_belief.verify.compute\n"
         "name = 'jax_cpu_enable_async_dispatch'\n"
         "before = jax.config.read(name)\n"
         "mppi_belief.trial.device({'platform': 'cpu'})\n"

@@ -14,7 +14,7 @@ from ..run.log import log_event
 from ..run.plan import Chunk, NamedTask
 from ..run.pool import Pool
 from ..run.worker import Failure, WorkerSetup
-from ..verify.runner import CertificateOutcome, compute_certificate
+from ..verify.compute import CertificateOutcome, compute_certificate
 
 
 def certify_all(

@@ -9,5 +9,5 @@ of the certificates are `mppi_belief.results.certificate.CERTIFICATE_NAMES`.
 * `scenarios`: problems with known answers, and these answers.
 * `certificates`: the statement, the numbers and the bands of each certificate.
 * `own_system`, `conditions`: which statements hold for a user's system.
-* `runner`: computes certificates in a pool of processes.
+* `compute`: computes one certificate by its name, for the process pool of `run`.
 """

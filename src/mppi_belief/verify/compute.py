@@ -1,5 +1,6 @@
-"""Computes one certificate by the name of its module; `cli/certify_on_pool.py` computes many side
-by side.
+"""Computes one certificate by the name of its module.
+
+`cli/certify_on_pool.py` computes many of them side by side.
 """
 
 import time
@@ -23,10 +24,9 @@ class CertificateOutcome(NamedTuple):
 
 
 def compute_certificate(config: dict[str, Any], trials: Sequence[int]) -> CertificateOutcome:
-    """Computes the certificate of the module `config["name"]` for `config["seed"]`, in double
-    precision.
+    """Computes the certificate of the module `config["name"]` for the seed `config["seed"]`.
 
-    The signature is that of work for `run.pool.Pool`, whose named tasks have the trial 0 only.
+    All is computed in double precision. The signature is that of work for `run.pool.Pool`, whose named tasks have the trial 0 only.
     Raises what the module raises.
     """
     start = time.perf_counter()
