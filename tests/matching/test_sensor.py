@@ -13,7 +13,7 @@ from mppi_belief.belief.kalman import aim_sensor_ahead, predict
 from mppi_belief.belief.prior import prior
 from mppi_belief.belief.schedule import gain_schedule
 from mppi_belief.filters import EKF
-from mppi_belief.matching.sensor import LEFT, matching_sensor
+from mppi_belief.matching.sensor import LEAST_REMAINING, matching_sensor
 from mppi_belief.matching.weights import matched_weight, residual
 from mppi_belief.simulate import simulate_trial
 from system_helpers import platform_problem
@@ -85,7 +85,7 @@ def test_a_limit_clips_the_signal_to_noise_ratio_to_the_nearest_and_never_raises
 
 
 def test_a_covariance_that_is_used_up_is_seen_as_well_as_it_can_be(x64):
-    """Sigma < lambda G R^-1 G' dt: no sensor matches, the best leaves a part LEFT of the variance."""
+    """Sigma < lambda G R^-1 G' dt: no sensor matches, the best leaves a part LEAST_REMAINING of the variance."""
     case = Case(2)
     case.cov *= 1e-4
     seen = case.sampled(case.sensor(DT)) * DT
@@ -93,7 +93,10 @@ def test_a_covariance_that_is_used_up_is_seen_as_well_as_it_can_be(x64):
     along, _ = np.linalg.qr(np.linalg.solve(root, case.G))
     part = along.T @ np.linalg.solve(root, np.linalg.solve(root, seen).T) @ along
     np.testing.assert_allclose(
-        np.eye(NU) - part, LEFT / (1 + LEFT) * np.eye(NU), rtol=1e-6, atol=1e-9
+        np.eye(NU) - part,
+        LEAST_REMAINING / (1 + LEAST_REMAINING) * np.eye(NU),
+        rtol=1e-6,
+        atol=1e-9,
     )
 
 

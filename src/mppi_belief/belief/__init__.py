@@ -1,1 +1,1 @@
-"""Gaussian beliefs (Sec. II and IV): filter recursion, Riccati equation, gain schedule, expected costs."""
+"""Gaussian beliefs (Sec. II and IV): prior, filter recursion, gain schedule, expected costs."""

@@ -28,7 +28,7 @@ def predict(problem: Problem, belief: Belief | RootBelief, u: Array) -> RootBeli
 
 
 def _predict_moments(problem: Problem, mean: Array, root: Array, u: Array) -> tuple[Array, Array]:
-    """Returns mean and root one step later: F Sigma F' + Q dt = M M' with M = [F root, H sqrt(dt)]."""
+    """Returns mean and root one step later, F Sigma F' + Q dt = M M', M = [F root, H sqrt(dt)]."""
     system, dt = problem.system, problem.dt
     F = jax.jacfwd(lambda x: euler_step(system, x, u, dt))(mean)
     columns = jnp.hstack([F @ root, system.H * jnp.sqrt(dt)])
@@ -46,7 +46,7 @@ def aim_sensor(problem: Problem, mean: Array, root: Array, sampled: bool = True)
 
 
 def aim_sensor_ahead(problem: Problem, belief: Any, u: Array) -> Problem:
-    """Returns the problem with its sensor turned for the measurement that follows control u (nu,)."""
+    """Returns the problem with its sensor turned for the measurement after control u (nu,)."""
     if not isinstance(problem.system, SteerableSensor):
         return problem
     predicted = predict(problem, belief, u)
@@ -54,7 +54,7 @@ def aim_sensor_ahead(problem: Problem, belief: Any, u: Array) -> Problem:
 
 
 def correct(problem: Problem, belief: Belief | RootBelief, y: Array) -> Correction:
-    """Corrects a predicted belief by the measurement y (ny,), its noise taken at the predicted mean."""
+    """Corrects a predicted belief by the measurement y (ny,), with the noise at the predicted mean."""
     mean = belief.mean
     root = covariance_root(belief)
     problem = aim_sensor(problem, mean, root)

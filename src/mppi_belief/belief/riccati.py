@@ -21,7 +21,7 @@ def riccati_rate(cov: Array, A: Array, Q: Array, C: Array, R_o: Array) -> Array:
 
 
 def kalman_bucy_gain(cov: Array, C: Array, R_o: Array) -> tuple[Array, Array]:
-    """Returns the gain K = Sigma C' R_o^-1 (nx, ny) of (8a) and the diffusion D = K R_o K' of (9)."""
+    """Returns the gain K = Sigma C' R_o^-1 (nx, ny) of (8a) and D = K R_o K' (nx, nx) of (9)."""
     C, variances = ldl_solve(C, R_o)
     T, _ = ldl_solve(jnp.eye(len(R_o), dtype=R_o.dtype), R_o)
     deviations = jnp.sqrt(jnp.stack(variances))

@@ -59,7 +59,7 @@ def gain_schedule(
 def _riccati_schedule_step(
     problem: Problem, mean: Array, root: Array, u: Array
 ) -> tuple[Array, Array, Array, Array]:
-    """Returns the next mean (nx,) and root (nx, nx), and K and D at t_k, of the continuous theory."""
+    """Returns the next mean (nx,) and root (nx, nx), and K and D at t_k, in continuous time."""
     problem = aim_sensor(problem, mean, root, sampled=False)
     system = problem.system
     dt = problem.dt

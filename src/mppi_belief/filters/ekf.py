@@ -11,7 +11,7 @@ from ..structs import struct
 
 @struct
 class EKF:
-    """Runs the recursion of `mppi_belief.belief.kalman`: noise and Jacobians at the predicted mean."""
+    """Runs the recursion of `belief.kalman`, with noise and Jacobians at the predicted mean."""
 
     def init(self, problem: Problem, key: Array) -> RootBelief:
         """Returns the Gaussian with the prior's moments."""

@@ -1,1 +1,3 @@
-"""The matching condition (Sec. III and V-B): Theorem 1, control weights and sensors for which it holds."""
+"""The matching condition (Sec. III and V-B): Theorem 1, control weights and
+sensors for which it holds.
+"""

@@ -1,1 +1,4 @@
-"""Array numerics: linear algebra, normal deviates, quadrature, maps over samples on the last axis."""
+"""Array numerics: linear algebra, normal deviates, quadrature, maps over samples.
+
+Samples are on the last axis of arrays throughout.
+"""

@@ -82,7 +82,10 @@ def matvec(M: Array, x: Vector) -> list[Array]:
 
 
 def _fitting_weight(M: Array, x: Vector) -> Array:
-    """Returns M as an array; raises ValueError if it is too short, where JAX would read past its end."""
+    """Returns M as an array; raises ValueError if its last axis is not as long as x.
+
+    JAX itself would read past the end of a weight that is too short.
+    """
     M = jnp.asarray(M)
     if M.shape[-1] != len(x):
         raise ValueError(f"a weight of shape {M.shape} does not fit a vector of {len(x)}")

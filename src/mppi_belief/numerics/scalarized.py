@@ -1,4 +1,4 @@
-"""A map over samples for functions of many small matrices: every component is a vector over samples.
+"""A map over samples for functions of many small matrices, component by component.
 
 `vmap_last` keeps a matrix of every sample as one array (n, m, N). A filter step inside a rollout
 takes such arrays apart and puts them together again between any two products, which costs more than
@@ -91,7 +91,7 @@ def _join(table: Table, dtype: Any, n: int) -> Array:
 
 
 def _constant(array: Any) -> Table:
-    """Represents an array that is the same for all samples, by known numbers unless it is traced."""
+    """Represents an array that all samples share, by known numbers unless it is traced."""
     values = array if isinstance(array, jax.core.Tracer) else np.asarray(array)
     return _table(values, values.shape)
 
@@ -125,7 +125,10 @@ def _multiply(a: Any, b: Any) -> Any:
 
 
 def _bind_component(equation: core.JaxprEqn, *components: Any) -> Any:
-    """Carries out an operation on one component of each operand; the result of known ones is known."""
+    """Carries out an operation on one component of each operand.
+
+    The result of known components is known.
+    """
     if equation.primitive.name == "select_n" and _is_known(components[0]):
         return components[1 + int(components[0])]
     types = [aval(variable).dtype for variable in equation.invars]
@@ -181,7 +184,10 @@ def _split(equation: core.JaxprEqn, tables: list[Table], n: int) -> list[Table]:
 
 
 def _moving(move: Callable[..., Table]) -> Rule:
-    """Makes the rule of an operation that moves components: `move(output's aval, params, *tables)`."""
+    """Makes the rule of an operation that moves components.
+
+    `move(output, params, *tables)` gets shape and type of the output.
+    """
 
     def rule(equation: core.JaxprEqn, tables: list[Table], n: int) -> list[Table]:
         return [move(aval(equation.outvars[0]), equation.params, *tables)]

@@ -36,9 +36,9 @@ def psd_factor(M: Array) -> tuple[Array, Array]:
 
 
 def pivoted_cholesky(M: Array) -> Array:
-    """Returns L (n, n) with L L' = M, positive semidefinite, up to rounding of M component by component.
+    """Returns L (n, n) with L L' = M for positive semidefinite M, up to its rounding.
 
-    Cholesky with complete pivoting (Higham 1990) of the correlations: a remaining variance below
+    Rounding counts in the units of each component. Cholesky with complete pivoting (Higham 1990) of the correlations: a remaining variance below
     n * eps of a component's own counts as zero. A matrix that is not finite has no finite root.
     LAPACK's Cholesky returns nan for a singular M, which is what a state known exactly gives.
     """
@@ -81,9 +81,9 @@ def tria(M: Array) -> Array:
 
 
 def ldl_solve(M: Array, R: Array) -> tuple[Array, list[Array]]:
-    """Returns L^-1 M (n, m) and the variances d, n of (), of R = L diag(d) L' with unit triangular L.
+    """Returns L^-1 M (n, m) and the variances d (n numbers) of R = L diag(d) L'.
 
-    R (n, n) is definite; L^-1 makes n measurements with noise R independent. A variance is at least
+    L is unit lower triangular. R (n, n) is definite; L^-1 makes n measurements with noise R independent. A variance is at least
     eps of the diagonal entry of R, which is what the rounding of R leaves uncertain.
     """
     lower: list[list[Array]] = []  # rows of L below the diagonal
@@ -117,16 +117,16 @@ def mahalanobis_squared(x: Array, M: Array) -> Array:
 
 
 def log_normal_density(x: Array, M: Array) -> Array:
-    """Returns log N(x; 0, M) () without its constant -n/2 log(2 pi), for x (n,), definite M (n, n)."""
+    """Returns log N(x; 0, M) () for x (n,) and definite M (n, n), without -n/2 log(2 pi)."""
     decoupled, variances = ldl_solve(x[:, None], M)
     spread = jnp.stack(variances)
     return -0.5 * jnp.sum(decoupled[:, 0] ** 2 / spread + jnp.log(spread))
 
 
 def potter_update(root: Array, C: Array, R_s: Array) -> PotterUpdate:
-    """Updates a covariance root root' (nx, nx) by measurements C x (ny, nx) with noise R_s (ny, ny).
+    """Updates a covariance root root' (nx, nx) by measurements of C x with noise R_s (ny, ny).
 
-    The measurements are made independent (`ldl_solve`) and taken one after another, with no matrix
+    C is (ny, nx). The measurements are made independent (`ldl_solve`) and taken one after another, with no matrix
     to invert (Potter 1963): with v = root' c and s = v'v + r the gain is root v / s, and the root
     shrinks by sqrt(r / s) along v.
     """
