@@ -54,7 +54,7 @@ def aim_sensor_ahead(problem: Problem, belief: Any, u: Array) -> Problem:
 
 
 def correct(problem: Problem, belief: Belief | RootBelief, y: Array) -> Correction:
-    """Corrects a predicted belief by the measurement y (ny,), with the noise at the predicted mean."""
+    """Corrects a predicted belief by the measurement y (ny,), noise at the predicted mean."""
     mean = belief.mean
     root = covariance_root(belief)
     problem = aim_sensor(problem, mean, root)

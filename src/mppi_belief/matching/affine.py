@@ -29,10 +29,11 @@ def outside_mean_tangent(
 ) -> tuple[Array, Array]:
     """Returns the part () of c outside the mean tangent space at N(mean, cov), and A (ny, nx).
 
-    A is the best fit. For c: (nx,) -> (ny,), mean (nx,), cov (nx, nx) positive definite; expectations are taken by
-    `nodes`, by default `gaussian_nodes(nx)`. The fit is least squares on the nodes themselves: an
-    affine c leaves nothing but rounding, whatever the nodes. A c that is constant to rounding has
-    part 0. The components of c count by their units: divide by sigma_o to compare them.
+    A is the best fit. For c: (nx,) -> (ny,), mean (nx,), cov (nx, nx) positive definite;
+    expectations are taken by `nodes`, by default `gaussian_nodes(nx)`. The fit is least squares on
+    the nodes themselves: an affine c leaves nothing but rounding, whatever the nodes. A c that is
+    constant to rounding has part 0. The components of c count by their units: divide by sigma_o to
+    compare them.
     """
     points, weights = (
         jnp.asarray(part, dtype=cov.dtype) for part in nodes or gaussian_nodes(mean.shape[0])

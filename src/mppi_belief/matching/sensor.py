@@ -62,7 +62,7 @@ def matching_sensor(
 
 
 def _clip_singular_values(M: Array, limit: Array | float) -> Array:
-    """Returns the matrix nearest to M (m, n), in the Frobenius norm, with limited singular values."""
+    """Returns the matrix nearest to M (m, n) (Frobenius norm) with limited singular values."""
     squares, vectors = jnp.linalg.eigh(M @ M.T)
     factors = limit / jnp.sqrt(jnp.maximum(squares, limit**2))
     return (vectors * factors) @ vectors.T @ M

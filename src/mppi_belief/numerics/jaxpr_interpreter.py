@@ -101,7 +101,8 @@ def trace_sample(
 ) -> TracedSample:
     """Traces `function` for one sample of its arguments.
 
-    The last axis of mapped arguments is the samples'. Raises ValueError if the mapped arguments have different numbers of samples.
+    The last axis of mapped arguments is the samples'. Raises ValueError if the mapped arguments
+    have different numbers of samples.
     """
     sizes = sorted({a.shape[-1] for a, m in zip(arrays, mapped, strict=True) if m})
     if len(sizes) > 1:
@@ -178,7 +179,7 @@ def evaluate(equation: core.JaxprEqn, *arrays: Any) -> list[Array]:
 def vmap_operation(
     equation: core.JaxprEqn, arrays: Sequence[Array], mapped: Sequence[bool]
 ) -> list[Array]:
-    """Carries out one operation for all samples, by `jax.vmap` over the last axes of mapped arrays."""
+    """Carries out one operation for all samples, by `jax.vmap` over last axes."""
     axes = tuple(-1 if m else None for m in mapped)
     mapping = jax.vmap(lambda *operands: evaluate(equation, *operands), in_axes=axes, out_axes=-1)
     results: list[Array] = mapping(*map(jnp.asarray, arrays))

@@ -57,7 +57,7 @@ def sigma_points(n: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def evaluate_at_nodes(fn: Callable[[Array], Array], mean: Array, cov: Array) -> tuple[Array, Array]:
-    """Returns a scalar `fn` (P,) at the nodes of degree 5 for N(mean, cov), and their weights (P,)."""
+    """Returns a scalar `fn` (P,) at the nodes of degree 5 for N(mean, cov), and weights (P,)."""
     points, weights = degree_five_rule(mean.shape[0])
     factor, _ = psd_factor(cov)
     offsets = jnp.asarray(points, dtype=cov.dtype) @ factor.T
