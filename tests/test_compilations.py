@@ -1,7 +1,6 @@
 """Programs are compiled for a structure, never for its numbers: JAX reports its compilations."""
 
 from collections.abc import Iterator
-from contextlib import contextmanager
 from typing import Any
 
 import jax
@@ -9,11 +8,10 @@ import numpy as np
 import pytest
 
 from cli_helpers import PLANNER, compose
+from compilation_helpers import COMPILED, TRACED, collect_events
 from experiment_helpers import compiled_quickly
 from mppi_belief.trial import check, run_trials, time_steps
 
-TRACED = "jaxpr_trace_duration"
-COMPILED = "backend_compile_duration"
 GROUPS = ("system", "cost", "problem", "filter", "controller")
 
 
@@ -21,22 +19,6 @@ GROUPS = ("system", "cost", "problem", "filter", "controller")
 def quick() -> Iterator[None]:
     with compiled_quickly():
         yield
-
-
-@contextmanager
-def noted(event: str) -> Iterator[list[str]]:
-    """Collects the functions that JAX traces or compiles; one found in a cache counts, too."""
-    names: list[str] = []
-
-    def listen(name: str, seconds: float, **about: Any) -> None:
-        if name.rpartition("/")[2] == event:
-            names.append(about.get("fun_name", "?"))
-
-    jax.monitoring.register_event_duration_secs_listener(listen)
-    try:
-        yield names
-    finally:
-        jax.monitoring.unregister_event_duration_listener(listen)
 
 
 def moved(node: Any) -> Any:
@@ -66,7 +48,7 @@ def another(config: dict[str, Any]) -> dict[str, Any]:
 
 def test_each_compilation_is_noted_once():
     function = jax.jit(lambda x: 3 * x)
-    with noted(COMPILED) as compiled, noted(TRACED) as traced:
+    with collect_events(COMPILED) as compiled, collect_events(TRACED) as traced:
         for value in (1.0, 2.0, 3.0):
             function(value)
         assert len(compiled) == len(traced) == 1
@@ -82,9 +64,9 @@ def test_no_number_of_a_cell_compiles_anything_anew():
     first = row_of(config)
     time_steps(config, 2)
     changed = another(config)
-    with noted(COMPILED) as compiled:
+    with collect_events(COMPILED) as compiled:
         check(changed)
-        with noted(TRACED) as traced:
+        with collect_events(TRACED) as traced:
             assert row_of(changed)["ess"] != first["ess"]
             time_steps(changed, 2)
     assert (compiled, traced) == ([], [])
@@ -101,7 +83,7 @@ def test_no_word_of_a_sweep_over_numbers_compiles_anything_anew():
         ("problem.dt=1", "problem.prior_std=[1,1,0,0]"),
         ("problem.obstacles.centers=[[2,0],[4,1]]", "system.light=4"),
     ]
-    with noted(COMPILED) as compiled, noted(TRACED) as traced:
+    with collect_events(COMPILED) as compiled, collect_events(TRACED) as traced:
         sample_sizes = {row_of(compose(*PLANNER, *change))["ess"] for change in changes}
     assert (compiled, traced) == ([], [])
     assert len(sample_sizes) == len(changes)
@@ -119,9 +101,9 @@ def test_no_word_of_a_sweep_over_numbers_compiles_anything_anew():
 def test_another_structure_is_compiled_and_then_no_number_of_it(structure):
     row_of(compose(*PLANNER))
     config = compose(*PLANNER, *structure, "planner.horizon=7")  # which no other test has compiled
-    with noted(COMPILED) as compiled:
+    with collect_events(COMPILED) as compiled:
         row_of(config)
     assert compiled
-    with noted(COMPILED) as compiled, noted(TRACED) as traced:
+    with collect_events(COMPILED) as compiled, collect_events(TRACED) as traced:
         row_of(another(config))
     assert (compiled, traced) == ([], [])

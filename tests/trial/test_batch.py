@@ -1,4 +1,4 @@
-"""Trials that advance together as one program have the rows of those that run alone, wherever they run."""
+"""Tests that trials of a batch, one program, have the rows of trials that run alone."""
 
 import multiprocessing
 import signal
@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from cli_helpers import SMALL, compose
+from compilation_helpers import COMPILED, collect_events
 from experiment_helpers import compiled_quickly
 from mppi_belief.config.cell import Cell
 from mppi_belief.errors import ConfigError
@@ -20,7 +21,7 @@ from mppi_belief.run.plan import chunks
 from mppi_belief.run.runner import run_study
 from mppi_belief.run.task import StudyOrder, TrialFunctions
 from mppi_belief.run.worker import WorkerSetup
-from mppi_belief.run.writer import Ledger
+from mppi_belief.run.writer import ResultsWriter
 from mppi_belief.trial import check, device, failed_row, record, run_trials, trials
 from study_helpers import TESTS, limited, time_steps
 
@@ -35,7 +36,7 @@ def quick() -> Iterator[None]:
 
 
 def numbers(batch: Any) -> np.ndarray:
-    """The rows' numbers (trials, NUMBERS), and 0 where a controller has none."""
+    """Returns the rows' numbers (trials, NUMBERS), and 0 where a controller has none."""
     return np.nan_to_num(np.array([[row[name] for name in NUMBERS] for row in batch.rows]))
 
 
@@ -45,14 +46,19 @@ def numbers(batch: Any) -> np.ndarray:
     + [(name, "float32") for name in ("belief", "ilqg")],
 )
 def test_a_study_as_one_program_agrees_with_its_trials_one_by_one(controller, precision):
-    """Each rounding on the way changes a row as a prior mean moved by as much does, at most; how much that is, is tried
-    with a move far above rounding. Some 10 roundings follow each other at a step of a path, one at each sample."""
+    """Bounds the differences by the number of roundings times the effect of one.
+
+    A rounding changes a row at most as much as an equal move of the prior mean does. That effect is
+    measured with a move far above rounding. Some 10 roundings follow each other at a step of a path,
+    and one at each sample.
+    """
     config = compose(*SMALL, f"controller={controller}", f"precision={precision}")
     together = config | {"batch": TRIALS}
     assert [chunk.trials for chunk in chunks(Cell(together), TRIALS, (), 1)] == [
         tuple(range(TRIALS))
     ]
-    alone, batch = run_trials(config, range(TRIALS)), run_trials(together, range(TRIALS))
+    alone = run_trials(config, range(TRIALS))
+    batch = run_trials(together, range(TRIALS))
 
     eps = float(np.finfo(precision).eps)
     move = eps**0.5
@@ -77,46 +83,47 @@ def test_a_study_as_one_program_agrees_with_its_trials_one_by_one(controller, pr
 
 @pytest.fixture(scope="module")
 def five() -> dict[str, Any]:
-    """A study in batches of five."""
+    """Returns the configuration of a study in batches of five."""
     return compose(*SMALL, "controller=ce", "batch=5")
 
 
 @pytest.fixture
 def calls(monkeypatch) -> list[list[int]]:
-    """The trials at the places of every batch that runs; trial 6 raises whatever batch it is in."""
-    run, seen = trials.simulate_and_judge, []
+    """Collects the trials at the positions of every batch; trial 6 raises in any batch."""
+    run = trials.simulate_and_judge
+    batches = []
 
     def cursed(*args: Any) -> Any:
-        seen.append(args[-1].tolist())
-        if 6 in seen[-1]:
+        batches.append(args[-1].tolist())
+        if 6 in batches[-1]:
             raise ValueError("trial 6 is cursed")
         return run(*args)
 
     monkeypatch.setattr(trials, "simulate_and_judge", cursed)
-    return seen
+    return batches
 
 
-def same_bits(one: Any, other: Any) -> None:
-    """Equal rows and paths, numbers that are not there included."""
-    assert [list(row) for row in one.rows] == [list(row) for row in other.rows]
-    assert repr(one.rows) == repr(other.rows)
-    for step, again in zip(one.paths, other.paths, strict=True):
+def assert_same_bits(first: Any, second: Any) -> None:
+    """Asserts that rows and paths are equal, absent numbers included."""
+    assert [list(row) for row in first.rows] == [list(row) for row in second.rows]
+    assert repr(first.rows) == repr(second.rows)
+    for step, again in zip(first.paths, second.paths, strict=True):
         for name, value in step.items():
             np.testing.assert_array_equal(again[name], value)
 
 
 def test_a_trial_has_the_same_bits_whichever_of_its_batch_are_missing(five):
-    whole = run_trials(five, range(12))
-    compiled = trials.simulate_and_judge._cache_size()
-    for some in ([0, 1, 2], [7], [4, 5, 11]):
-        part = run_trials(five, some)
-        kept = [row for row in whole.rows if row["trial"] in some]
-        steps = [step for step in whole.paths if step["trial"] in some]
-        same_bits(part, whole._replace(rows=kept, paths=steps))
-    assert trials.simulate_and_judge._cache_size() == compiled
+    complete = run_trials(five, range(12))
+    with collect_events(COMPILED) as compiled:
+        for selected in ([0, 1, 2], [7], [4, 5, 11]):
+            part = run_trials(five, selected)
+            rows = [row for row in complete.rows if row["trial"] in selected]
+            steps = [step for step in complete.paths if step["trial"] in selected]
+            assert_same_bits(part, complete._replace(rows=rows, paths=steps))
+    assert compiled == []
 
 
-def test_all_batches_have_one_size_and_no_place_a_trial_that_is_not_wanted(five, calls):
+def test_all_batches_have_one_size_and_only_trials_that_are_wanted(five, calls):
     run_trials(five, [1, 2, 8, 10, 11])
     assert calls == [[1, 1, 2, 1, 1], [8, 8, 8, 8, 8], [10, 11, 10, 10, 10]]
 
@@ -131,7 +138,7 @@ def test_a_trial_that_raises_costs_its_own_row_and_no_other(five, calls):
     assert len(calls) == 2
 
 
-def test_a_batch_too_large_for_the_device_is_told_and_is_no_trials_fault(five, monkeypatch):
+def test_a_batch_too_large_for_the_device_is_reported_as_such(five, monkeypatch):
     def exhausted(*args: Any) -> Any:
         raise RuntimeError("RESOURCE_EXHAUSTED: Out of memory while trying to allocate 99 bytes.")
 
@@ -141,10 +148,11 @@ def test_a_batch_too_large_for_the_device_is_told_and_is_no_trials_fault(five, m
 
 
 class Study:
-    """Trials in batches of five, in a pool whose workers compile quickly and what is new to them all."""
+    """Runs trials in batches of five, in a pool whose workers compile quickly and share a cache."""
 
     def __init__(self, root: Path, config: dict[str, Any]) -> None:
-        self.root, self.cell = root, Cell(config)
+        self.root = root
+        self.cell = Cell(config)
         cache = {
             "JAX_COMPILATION_CACHE_DIR": str(root.parent / "xla"),
             "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0",
@@ -152,30 +160,30 @@ class Study:
         self.variables = {"JAX_PLATFORMS": "cpu", "JAX_DISABLE_MOST_OPTIMIZATIONS": "1", **cache}
 
     def run(self, n_trials: int, workers: int) -> int | None:
-        task, command = (
-            TrialFunctions(check, run_trials, time_steps, failed_row, record, device),
-            ["mppi-belief", "run"],
-        )
-        lanes = LocalWorkers(workers, WorkerSetup([TESTS], self.variables))
-        return run_study([self.cell], StudyOrder(n_trials), self.root, task, lanes, command).stopped
+        functions = TrialFunctions(check, run_trials, time_steps, failed_row, record, device)
+        local = LocalWorkers(workers, WorkerSetup([TESTS], self.variables))
+        command = ["mppi-belief", "run"]
+        outcome = run_study([self.cell], StudyOrder(n_trials), self.root, functions, local, command)
+        return outcome.stopped
 
     def rows(self) -> Any:
         return read_rows(self.root / self.cell.id)
 
 
 def interrupt_at_the_first_result(monkeypatch: pytest.MonkeyPatch) -> None:
-    def keep(self: Ledger, done: Any) -> None:
-        for _ in range(2):  # at once: nothing of this chunk and of those that run is kept
+    def add(self: ResultsWriter, batch: Any) -> None:
+        for _ in range(2):  # stops at once: nothing of this batch and of those that run is kept
             signal.raise_signal(signal.SIGINT)
 
-    monkeypatch.setattr(Ledger, "keep", keep)
+    monkeypatch.setattr(ResultsWriter, "add", add)
 
 
 def test_interrupted_and_resumed_with_other_workers_the_bits_are_the_same(
     five, tmp_path, monkeypatch
 ):
     with limited():
-        at_once, bit_by_bit = Study(tmp_path / "one", five), Study(tmp_path / "other", five)
+        at_once = Study(tmp_path / "at_once", five)
+        bit_by_bit = Study(tmp_path / "bit_by_bit", five)
         assert at_once.run(12, workers=1) is None
         assert bit_by_bit.run(7, workers=2) is None  # leaves the second batch begun
         with monkeypatch.context() as patch:

@@ -10,9 +10,10 @@ import pytest
 import mppi_belief as mb
 import user_parts
 from cli_helpers import PLANNER, SMALL, compose
+from compilation_helpers import TRACED, collect_events
 from experiment_helpers import compiled_quickly
 from mppi_belief.errors import ConfigError
-from mppi_belief.trial import KEPT_PATHS, build, check, failed_row, run_trials, time_steps, trials
+from mppi_belief.trial import KEPT_PATHS, build, check, failed_row, run_trials, time_steps
 from user_parts import SPOILABLE
 
 COLUMNS = [
@@ -455,22 +456,23 @@ def test_precision_is_that_of_the_configuration(small):
 
 def test_sweeps_over_numbers_compile_once_and_over_sizes_again():
     run_trials(compose(*PLANNER), [0])
-    before = trials.simulate_and_judge._cache_size()
-    costs = [
-        run_trials(compose(*PLANNER, *change), [0]).rows[0]["ess"]
-        for change in (
-            ["theta=3"],
-            ["w_obs=100"],
-            ["theta=0", "w_obs=7"],
-            ["system.light=4"],
-            ["seed=5"],
-        )
-    ]
-    assert trials.simulate_and_judge._cache_size() == before
-    assert len(set(costs)) == 5
-    for steps in (27, 28):
-        run_trials(users() | {"problem": users()["problem"] | {"steps": steps}}, [0])
-    assert trials.simulate_and_judge._cache_size() == before + 2
+    with collect_events(TRACED) as traced:
+        sample_sizes = [
+            run_trials(compose(*PLANNER, *change), [0]).rows[0]["ess"]
+            for change in (
+                ["theta=3"],
+                ["w_obs=100"],
+                ["theta=0", "w_obs=7"],
+                ["system.light=4"],
+                ["seed=5"],
+            )
+        ]
+    assert traced.count("simulate_and_judge") == 0
+    assert len(set(sample_sizes)) == 5
+    with collect_events(TRACED) as traced:
+        for steps in (27, 28):
+            run_trials(users(problem={"steps": steps}), [0])
+    assert traced.count("simulate_and_judge") == 2
 
 
 def test_control_steps_are_timed_one_by_one(small):
