@@ -1,4 +1,4 @@
-"""A linear system of any size, for tests that have a closed form."""
+"""Makes linear systems of any size, for tests that have a closed form."""
 
 import numpy as np
 
@@ -8,7 +8,7 @@ import mppi_belief as mb
 def random_problem(
     rng: np.random.Generator, nx: int = 3, nu: int = 2, steps: int = 12
 ) -> mb.Problem:
-    """A random linear-quadratic problem without obstacles, its goal not an equilibrium."""
+    """Returns a random linear-quadratic problem whose goal is not an equilibrium."""
     A = rng.normal(size=(nx, nx))
     B = rng.normal(size=(nx, nu))
     system = mb.Linear(A, B, np.eye(1, nx), 0.2 * np.eye(nx), [0.3])

@@ -22,7 +22,7 @@ def quick() -> Iterator[None]:
 
 
 def moved(node: Any) -> Any:
-    """Returns a configuration with every number moved by a hundredth, integers and words unchanged."""
+    """Returns a configuration with every number but integers moved by a hundredth."""
     if isinstance(node, dict):
         return {key: moved(value) for key, value in node.items()}
     if isinstance(node, list):

@@ -180,7 +180,7 @@ def test_moments_of_a_cost_tend_to_the_cost_where_all_is_known(system):
     [(group, *pair) for group in ("filter", "controller") for pair in pairs(group)],
 )
 class TestPairs:
-    """A filter or a controller in a system it is meant for."""
+    """Tests a filter or a controller in a system that it is meant for."""
 
     def test_it_builds_pickles_and_passes_the_check(self, group, option, system):
         config = configured(group, option, system)
@@ -214,7 +214,7 @@ class TestPairs:
         self.judge_sample_size([row["ess"] for row in batch.rows], parts)
 
     def judge_sample_size(self, sample_sizes: list[float], parts: CellParts) -> None:
-        """Between one and the number of paths; a controller that does not sample has none."""
+        """Asserts sizes between one and the number of paths, or nan for a controller without."""
         if hasattr(parts.controller, "n_samples"):
             paths = parts.controller.n_samples * getattr(parts.filter, "n_particles", 1)
             assert all(1 - 1e-5 <= ess <= paths * (1 + 1e-5) for ess in sample_sizes)

@@ -1,4 +1,4 @@
-"""Fields: what their rules accept, and what they say of a value that they refuse."""
+"""Tests the rules of fields: what they accept, and what they say of a refused value."""
 
 import dataclasses
 import math
@@ -11,7 +11,7 @@ from mppi_belief.fields import Choice, Number, Text, WholeNumber, checked, ruled
 
 @dataclasses.dataclass
 class Settings:
-    """A dataclass whose fields have rules, but one."""
+    """Holds fields with rules, and one without."""
 
     theta: float = ruled(Number(ge=0), 1.0)
     workers: int = ruled(WholeNumber(ge=1, le=1024), 2)

@@ -1,4 +1,4 @@
-"""What `import mppi_belief` gives, and the numbers it gives."""
+"""Tests what `import mppi_belief` gives, and that its numbers are those of this version."""
 
 import ast
 import importlib
@@ -58,14 +58,14 @@ def test_every_public_name_is_there_and_documented(name):
 
 
 def test_every_public_name_has_an_example():
-    """The Python in docs/ is executed by `test_docs.py`."""
+    """Looks the names up in docs/api.md, whose Python is executed by `test_docs.py`."""
     page = (ROOT / "docs" / "api.md").read_text()
     blocks = "".join(re.findall(r"^```python\n(.*?)^```$", page, re.MULTILINE | re.DOTALL))
     assert set(re.findall(r"\bmb\.(\w+)", blocks)) == set(mb.__all__)
 
 
 def test_type_checkers_are_told_the_same_names():
-    """They read the imports that are never executed."""
+    """Reads the imports of `__init__.py` that are never executed."""
     modules = {}
     for node in ast.walk(ast.parse(inspect.getsource(mb))):
         if isinstance(node, ast.ImportFrom) and node.level == 1:
@@ -92,17 +92,17 @@ mb.nobody
 
 
 def test_type_checkers_see_the_public_types(tmp_path, monkeypatch):
-    """Lists and whole numbers may be given; what is missing or of another type is reported."""
+    """Gives lists and whole numbers, which are accepted, and calls that are not."""
     api = pytest.importorskip("mypy.api")
     monkeypatch.chdir(ROOT)  # the configuration's paths are relative
     program = tmp_path / "program.py"
     program.write_text(USE)
     options = ["--config-file", str(ROOT / "pyproject.toml"), "--cache-dir", str(CACHE)]
     lines = api.run([*options, "--no-error-summary", str(program)])[0].splitlines()
-    value = [re.sub(r"^.*?:(\d+): ", r"\1 ", line) for line in lines if "program.py" in line]
-    assert [line.split(" ")[0] for line in value] == ["9", "10", "11", "12", "13"]
+    reports = [re.sub(r"^.*?:(\d+): ", r"\1 ", line) for line in lines if "program.py" in line]
+    assert [line.split(" ")[0] for line in reports] == ["9", "10", "11", "12", "13"]
     for line, words in zip(
-        value,
+        reports,
         ["Array", "Array", "incompatible type", "Missing positional", "no attribute"],
         strict=True,
     ):
@@ -110,7 +110,7 @@ def test_type_checkers_see_the_public_types(tmp_path, monkeypatch):
 
 
 def test_configurations_name_classes_by_their_public_names():
-    """One spelling of `_target_` for the package's own classes: mppi_belief.Name."""
+    """Allows one spelling of `_target_` for the package's own classes: mppi_belief.Name."""
     for path in (ROOT / "conf").rglob("*.yaml"):
         for target in re.findall(r"_target_: (mppi_belief\S*)", path.read_text()):
             package, _, name = target.partition(".")
@@ -171,5 +171,5 @@ def test_the_numbers_are_those_of_this_version(setting):
     ]
     batch = run_trials(compose(*setting, *small), range(3))
     columns = [name for name in Metrics._fields if name != "collided"]
-    value = [[row[name] for name in columns] for row in batch.rows]
-    np.testing.assert_allclose(value, GOLDEN[setting], rtol=1e-3)
+    numbers = [[row[name] for name in columns] for row in batch.rows]
+    np.testing.assert_allclose(numbers, GOLDEN[setting], rtol=1e-3)

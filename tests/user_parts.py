@@ -1,6 +1,4 @@
-"""Parts as a user might write them: some wrong, some unlucky. Named in configurations by
-`_target_`.
-"""
+"""Defines parts as a user might write them, some of them wrong; `_target_` names them."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -19,12 +17,12 @@ SPOILABLE = ("f", "G", "H", "c", "sigma_o")
 
 
 def launch(*args: Any, **settings: Any) -> None:
-    """Not to be called by a configuration."""
+    """Does what no configuration may do: it is called."""
     CALLS.append("launch")
 
 
 class Plain:
-    """A class, but no struct."""
+    """Represents a class that is no struct."""
 
     def __init__(self, **settings: Any) -> None:
         CALLS.append("Plain")
@@ -32,7 +30,7 @@ class Plain:
 
 @dataclass
 class PlainDataclass:
-    """A dataclass, but no struct: its fields are unchecked and JAX does not know it."""
+    """Represents a dataclass that is no struct, so that JAX does not know it."""
 
     gain: float = 1.0
     derived: None = field(default=None, init=False)
@@ -62,9 +60,7 @@ SPOILS: dict[str, Callable[[Array], Any]] = {
 
 @struct
 class Drifting:
-    """Two states, one control: x' = growth x^3 + (0, u); what `wrong` names is spoilt in the way of
-    `how`.
-    """
+    """Represents x' = growth x^3 + (0, u); the member `wrong` is spoilt in the way of `how`."""
 
     growth: float = number(0.0)
     wrong: str = choice("nothing", *SPOILABLE)
@@ -96,7 +92,7 @@ class Drifting:
 
 @struct
 class Fog:
-    """Obstacles that are one metre away wherever the position is, spoilt in the way of `how`."""
+    """Represents obstacles that are always one metre away, spoilt in the way of `how`."""
 
     how: str = choice("nothing", "raises", *SPOILS)
 
@@ -109,12 +105,12 @@ class Fog:
 
 @struct
 class Ghost:
-    """Obstacles that nobody can measure the distance to."""
+    """Represents obstacles without a clearance."""
 
 
 @struct
 class Mute:
-    """A system that cannot be heard: it has no `c`."""
+    """Represents a system without a measurement `c`."""
 
     H = property(lambda self: jnp.eye(2))
     f = G = sigma_o = lambda self, x: x
@@ -122,7 +118,7 @@ class Mute:
 
 @struct
 class Moored(Drifting):
-    """A system with what is given to the problem: its position, its obstacles and its noise."""
+    """Represents a system that has what is given to the problem."""
 
     noise_convention: str = choice("sample", "intensity")
 
@@ -135,7 +131,7 @@ class Moored(Drifting):
 
 @struct
 class Squally(Drifting):
-    """A system whose process noise is a method of the state."""
+    """Represents a system whose process noise is a method of the state."""
 
     def H(self, x: Array) -> Array:
         return x[0] * jnp.eye(2)
@@ -143,7 +139,7 @@ class Squally(Drifting):
 
 @struct
 class Rows:
-    """A system whose size is a field that was not declared with `size`."""
+    """Represents a system whose size is a field that was not declared with `size`."""
 
     n: int = 2
     H = property(lambda self: jnp.eye(2))
@@ -158,7 +154,7 @@ class Rows:
 
 @struct
 class Price:
-    """A cost of two states, one control and nothing else, spoilt as `Drifting` is."""
+    """Represents a cost of two states and one control, spoilt as `Drifting` is."""
 
     wrong: str = choice("nothing", "R", "goal", "base", "penalty", "terminal")
     how: str = choice("shape", *SPOILS)
@@ -186,7 +182,7 @@ class Price:
 
 @struct
 class Blind(Price):
-    """A cost whose penalty does not take the surroundings."""
+    """Represents a cost whose penalty does not take the surroundings."""
 
     def penalty(self, x: Array) -> Array:
         return jnp.sum(x)
@@ -194,7 +190,7 @@ class Blind(Price):
 
 @struct
 class Constant:
-    """A controller that always says the same; `wrong` makes it ill-behaved."""
+    """Returns the same control at every step; `wrong` makes it ill-behaved."""
 
     value: float = number(0.0)
     wrong: str = choice("nothing", "shape", "info", "raises")

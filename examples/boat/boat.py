@@ -8,7 +8,7 @@ import mppi_belief as mb
 
 @mb.struct
 class Boat:
-    """A boat whose state is its position p = [east, north] in m, and whose control is its velocity.
+    """Represents a boat: the state is its position p = [east, north] in m, the control a velocity.
 
     dp = (current(p) + u) dt + sigma_w dw,    y = p + sigma_o(p) v
 
@@ -42,7 +42,7 @@ class Boat:
 
 @mb.struct
 class Crossing:
-    """Charges the squared distance to the pier, and a danger near the rocks.
+    """Measures the squared distance to the pier, and a danger near the rocks.
 
     It has no closed-form moments, so its expectation and variance under a belief are integrated by
     a cubature rule.

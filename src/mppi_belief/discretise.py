@@ -39,9 +39,9 @@ def measurement_intensity(problem: Problem, x: Array) -> Array:
 
 
 def measurement_difference(system: System, y: Array, predicted: Array) -> Array:
-    """How far the measurement y (ny,) is from the predicted one (ny,): the only such comparison.
+    """Returns the measurement y (ny,) less the predicted one (ny,): the only such comparison.
 
-    The system's own `difference` if it has one (`WrappedMeasurements`), otherwise y - predicted.
+    It is the system's own `difference` if it has one (`WrappedMeasurements`), else y - predicted.
     """
     if isinstance(system, WrappedMeasurements):
         return system.difference(y, predicted)
@@ -49,7 +49,7 @@ def measurement_difference(system: System, y: Array, predicted: Array) -> Array:
 
 
 def unwrapped_measurement(system: System, center: Array) -> Callable[[Array], Array]:
-    """c without the jumps of wrapped measurements, x (nx,) -> (ny,), continuous around `center`."""
+    """Returns c without the jumps of wrapped measurements, (nx,) -> (ny,), around `center`."""
     if not isinstance(system, WrappedMeasurements):
         return system.c
     middle = system.c(center)

@@ -45,7 +45,7 @@ class System(Protocol):
 
     @property
     def H(self) -> Array:
-        """Process noise channel (nx, nw)."""
+        """Returns the process noise channel (nx, nw)."""
 
     def f(self, x: Array) -> Array:
         """Returns the uncontrolled drift: (nx,) -> (nx,)."""
@@ -90,11 +90,11 @@ class Cost(Protocol):
 
     @property
     def R(self) -> Array:
-        """Control weight (nu, nu), positive definite."""
+        """Returns the control weight (nu, nu), positive definite."""
 
     @property
     def goal(self) -> Array:
-        """The state (nx,) with the least terminal cost."""
+        """Returns the state (nx,) with the least terminal cost."""
 
     def base(self, x: Array) -> Array:
         """Returns the running cost that results report: (nx,) -> ()."""
@@ -209,7 +209,7 @@ class Problem:
 
     @property
     def surroundings(self) -> Surroundings:
-        """The obstacles and the position, as a cost asks for them."""
+        """Returns the obstacles and the position, as a cost asks for them."""
         return Surroundings(self.obstacles, self.position)
 
     def position_of(self, x: Array) -> Array:

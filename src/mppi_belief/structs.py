@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     # The value that a constructor takes is converted, so it has another type than the field.
 
     class ArrayField:
-        """Annotates a field made with `array`: set from numbers in any form, read as an array."""
+        """Describes a field made with `array`: set from numbers in any form, read as an array."""
 
         def __get__(self, instance: object, owner: Any = None) -> Array: ...
 
@@ -43,7 +43,7 @@ if TYPE_CHECKING:
         ) -> None: ...
 
     class OptionalArrayField:
-        """Annotates an optional field made with `array`."""
+        """Describes an optional field made with `array`."""
 
         def __get__(self, instance: object, owner: Any = None) -> Array | None: ...
 

@@ -30,7 +30,7 @@ def ran() -> tuple[Cell, Any]:
     """Three trials of a small problem."""
     cell = Cell(compose(*SMALL))
     with compiled_quickly():
-        return cell, run_trials(cell.config, [0, 1, 60], kept=2)
+        return cell, run_trials(cell.config, [0, 1, 60], path_limit=2)
 
 
 @pytest.fixture
@@ -243,7 +243,7 @@ def test_differences_are_of_bits():
     path = [step, step | {"step": 1}]
     assert differences({}, {}, path, [step, step], "float64") == []
     (one,) = differences({}, {}, path, [step, step | {"state": moved["state"]}], "float64")
-    assert (one.name, one.place, one.ulp, one.values) == ("state", "step 1, component 1", 1, 1)
+    assert (one.name, one.location, one.ulp, one.values) == ("state", "step 1, component 1", 1, 1)
     assert [d.name for d in differences({}, {}, [step], [moved], "float64")] == ["state", "cov"]
     assert [d.name for d in differences({}, {}, [step], [step, moved], "float64")] == [
         "steps of the path"

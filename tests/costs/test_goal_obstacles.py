@@ -1,4 +1,4 @@
-"""The cost of Sec. VII: its formulas, its moments together, and the limits of each."""
+"""Tests the cost of Sec. VII: its formulas, its moments together, and the limits of each."""
 
 import jax
 import jax.numpy as jnp
@@ -14,7 +14,8 @@ from mppi_belief.belief import cost as belief_cost
 from mppi_belief.problem import ClosedFormCost, Cost
 
 GOAL = np.array([7.0, 0.0, 0.0, 0.0])
-QX, QT = np.diag([1.5, 1.5, 0.6, 0.6]), np.diag([5, 5, 0.15, 0.15])
+QX = np.diag([1.5, 1.5, 0.6, 0.6])
+QT = np.diag([5, 5, 0.15, 0.15])
 
 running_moments = quick_jit(belief_cost.running_moments)
 
@@ -37,11 +38,13 @@ def test_base_penalty_and_terminal_by_their_formulas(light_dark, x64, rng):
 
 
 def test_full_weights_are_taken_as_they_are(x64, rng):
-    Q, R = random_spd(rng, 4), random_spd(rng, 2)
+    Q = random_spd(rng, 4)
+    R = random_spd(rng, 2)
     cost = light_dark_problem(
         cost={"running_weight": Q, "terminal_weight": 2 * Q, "control_weight": R}
     ).cost
-    x, cov = rng.normal(size=4), random_spd(rng, 4)
+    x = rng.normal(size=4)
+    cov = random_spd(rng, 4)
     np.testing.assert_allclose(cost.base(x), reference.quadratic(x[None], GOAL, Q)[0], rtol=1e-13)
     np.testing.assert_allclose(cost.R, R)
     np.testing.assert_allclose(
@@ -50,16 +53,17 @@ def test_full_weights_are_taken_as_they_are(x64, rng):
 
 
 def test_expected_base_cost_is_eq_4(light_dark, x64, rng):
-    mean, cov = rng.normal(size=4), random_spd(rng, 4)
-    found = running_moments(light_dark, mean, cov)
+    mean = rng.normal(size=4)
+    cov = random_spd(rng, 4)
+    moments = running_moments(light_dark, mean, cov)
     np.testing.assert_allclose(
-        found.base, light_dark.cost.base(mean) + 0.5 * np.trace(QX @ cov), rtol=1e-13
+        moments.base, light_dark.cost.base(mean) + 0.5 * np.trace(QX @ cov), rtol=1e-13
     )
 
 
 @pytest.mark.parametrize("w_obs", [1.0, 500.0, 1e4])
 def test_total_variance_equals_quadrature(w_obs, x64, rng):
-    """Goal in the plane of positions, so that two dimensions are all there is."""
+    """Takes a state that is a position, so that a quadrature has two dimensions only."""
     problem = light_dark_problem(
         cost={
             "goal": [7, 0],
@@ -69,7 +73,8 @@ def test_total_variance_equals_quadrature(w_obs, x64, rng):
         }
     )
     for spread in (0.02, 0.3):
-        mean, cov = np.array([2.6, 0.7]), spread**2 * random_spd(rng, 2)
+        mean = np.array([2.6, 0.7])
+        cov = spread**2 * random_spd(rng, 2)
         m = running_moments(problem, mean, cov)
         expected = reference.covariance(
             lambda x: reference.quadratic(x, GOAL[:2], QX[:2, :2]),
@@ -101,23 +106,25 @@ def test_float32_keeps_five_digits_at_the_largest_weight(spread):
 
 
 def test_all_moments_equal_those_of_samples_of_the_full_state(light_dark, x64, rng):
-    mean, cov = np.array([2.5, 0.6, 0.4, 0.1]), 0.3**2 * random_spd(rng, 4)
+    mean = np.array([2.5, 0.6, 0.4, 0.1])
+    cov = 0.3**2 * random_spd(rng, 4)
     m = running_moments(light_dark, mean, cov)
     x = rng.multivariate_normal(mean, cov, 200_000)
-    base, bumps = reference.quadratic(x, GOAL, QX), penalty(x)
+    base = reference.quadratic(x, GOAL, QX)
+    bumps = penalty(x)
     total = base + bumps
-    for found, values in ((m.base, base), (m.penalty, bumps)):
-        assert abs(values.mean() - found) < SIGMAS * values.std() / np.sqrt(len(x))
+    for moment, values in ((m.base, base), (m.penalty, bumps)):
+        assert abs(values.mean() - moment) < SIGMAS * values.std() / np.sqrt(len(x))
     deviations = [v - v.mean() for v in (base, bumps, total)]
     total_var = m.base_var + 2 * m.covariance + m.penalty_var
-    for found, (a, b) in (
+    for moment, (a, b) in (
         (m.base_var, (0, 0)),
         (m.penalty_var, (1, 1)),
         (m.covariance, (0, 1)),
         (total_var, (2, 2)),
     ):
         products = deviations[a] * deviations[b]
-        assert abs(products.mean() - found) < SIGMAS * products.std() / np.sqrt(len(x))
+        assert abs(products.mean() - moment) < SIGMAS * products.std() / np.sqrt(len(x))
 
 
 @settings(max_examples=60, deadline=None, derandomize=True)
@@ -156,20 +163,21 @@ def test_without_obstacles_only_the_goal_counts(change, x64, rng):
 
 
 def test_obstacle_moments_scale_with_the_weight(x64, rng):
-    mean, cov = np.array([2.5, 0.6, 0, 0]), 0.1 * random_spd(rng, 4)
-    one, many = (
+    mean = np.array([2.5, 0.6, 0, 0])
+    cov = 0.1 * random_spd(rng, 4)
+    single, heavy = (
         running_moments(light_dark_problem(cost={"w_obs": w}), mean, cov) for w in (1, 1e4)
     )
-    np.testing.assert_allclose(many.penalty, 1e4 * one.penalty, rtol=1e-13)
-    np.testing.assert_allclose(many.penalty_var, 1e8 * one.penalty_var, rtol=1e-13)
-    np.testing.assert_allclose(many.covariance, 1e4 * one.covariance, rtol=1e-13)
-    assert (many.base, many.base_var) == (one.base, one.base_var)
+    np.testing.assert_allclose(heavy.penalty, 1e4 * single.penalty, rtol=1e-13)
+    np.testing.assert_allclose(heavy.penalty_var, 1e8 * single.penalty_var, rtol=1e-13)
+    np.testing.assert_allclose(heavy.covariance, 1e4 * single.covariance, rtol=1e-13)
+    assert (heavy.base, heavy.base_var) == (single.base, single.base_var)
 
 
 @pytest.mark.parametrize(
     ("field", "value"), [("w_obs", -1), ("bump_width", 0), ("goal", 7), ("running_weight", 1.5)]
 )
-def test_numbers_without_meaning_are_refused(field, value):
+def test_a_cost_refuses_numbers_without_meaning(field, value):
     with pytest.raises(ValueError, match=field):
         light_dark_problem(cost={field: value})
 

@@ -1,4 +1,4 @@
-"""Distances to discs."""
+"""Tests distances to discs."""
 
 import jax
 import jax.numpy as jnp
@@ -10,7 +10,8 @@ import mppi_belief as mb
 
 @pytest.mark.parametrize("d", [1, 2, 3])
 def test_clearance_is_the_least_distance_less_the_radius(d, rng, x64):
-    centers, position = rng.normal(size=(4, d)), rng.normal(size=d)
+    centers = rng.normal(size=(4, d))
+    position = rng.normal(size=d)
     expected = min(np.linalg.norm(position - c) for c in centers) - 0.3
     clearance = mb.Obstacles(centers, 0.3).clearance
     np.testing.assert_allclose(clearance(jnp.asarray(position)), expected, rtol=1e-12)

@@ -12,8 +12,8 @@ from system_helpers import pendulum
 
 
 @quick_jit
-def seen(system: mb.Pendulum, angles: np.ndarray) -> jax.Array:
-    """Measurements (P,) at angles (P,)."""
+def measured_at(system: mb.Pendulum, angles: np.ndarray) -> jax.Array:
+    """Returns the measurements (P,) at angles (P,)."""
     return jax.vmap(lambda a: system.c(jnp.stack([a, a]))[0])(angles)
 
 
@@ -34,37 +34,38 @@ def test_it_obeys_its_equation_of_motion(rng):
 
 
 @pytest.mark.parametrize("kappa", [1e-6, 0.3, 1.0, 2.5])
-def test_it_is_seen_through_a_sine_about_the_anchor(x64, rng, kappa):
+def test_it_is_measured_through_a_sine_about_the_anchor(x64, rng, kappa):
     a = rng.uniform(-3, 3, 6)
     expected = np.sin(1.2) + (np.sin(1.2 + kappa * (a - 1.2)) - np.sin(1.2)) / kappa
-    np.testing.assert_allclose(seen(pendulum(curvature=kappa), a), expected, atol=1e-9)
+    np.testing.assert_allclose(measured_at(pendulum(curvature=kappa), a), expected, atol=1e-9)
     np.testing.assert_allclose(
-        seen(pendulum(curvature=kappa, anchor=0.0), a), np.sin(kappa * a) / kappa, atol=1e-9
+        measured_at(pendulum(curvature=kappa, anchor=0.0), a), np.sin(kappa * a) / kappa, atol=1e-9
     )
 
 
-def test_one_is_the_sine_itself_and_zero_its_tangent():
+def test_curvature_one_is_the_sine_and_zero_its_tangent():
     a = np.linspace(-3, 3, 13)
-    found = {kappa: seen(pendulum(curvature=kappa), a) for kappa in (0.0, 1.0)}
-    np.testing.assert_allclose(found[1.0], np.sin(a), atol=1e-6)
-    np.testing.assert_allclose(found[0.0], np.sin(1.2) + np.cos(1.2) * (a - 1.2), atol=1e-6)
+    sine = measured_at(pendulum(curvature=1.0), a)
+    tangent = measured_at(pendulum(curvature=0.0), a)
+    np.testing.assert_allclose(sine, np.sin(a), atol=1e-6)
+    np.testing.assert_allclose(tangent, np.sin(1.2) + np.cos(1.2) * (a - 1.2), atol=1e-6)
 
 
-def test_slope_at_the_anchor_does_not_depend_on_curvature(x64):
-    slope = quick_jit(lambda system: jax.jacfwd(system.c)(jnp.array([1.2, 0.0])))
+def test_the_derivative_at_the_anchor_does_not_depend_on_curvature(x64):
+    jacobian = quick_jit(lambda system: jax.jacfwd(system.c)(jnp.array([1.2, 0.0])))
     for kappa in (0.0, 1e-9, 1.0, 4.0):
-        np.testing.assert_allclose(slope(pendulum(curvature=kappa)), [[np.cos(1.2), 0]], atol=1e-12)
+        C = jacobian(pendulum(curvature=kappa))
+        np.testing.assert_allclose(C, [[np.cos(1.2), 0]], atol=1e-12)
 
 
 @pytest.mark.parametrize("kappa", [0.0, 0.5, 1.0, 2.0])
 def test_theorem_1_leaves_the_closed_form(x64, kappa):
-    """Returns the part of a sine outside the tangent space, 1 - (E[c'] s)^2 / Var[c].
-
-    It follows from the characteristic function of a Gaussian.
-    """
-    mean, s = 0.9, 0.4
+    """Compares with 1 - (E[c'] s)^2 / Var[c], by the characteristic function of a Gaussian."""
+    mean = 0.9
+    s = 0.4
     part, A = outside(pendulum(curvature=kappa), np.array([mean, 0.3]), np.diag([s**2, 0.1]))
-    m, v = 1.2 + kappa * (mean - 1.2), (kappa * s) ** 2
+    m = 1.2 + kappa * (mean - 1.2)
+    v = (kappa * s) ** 2
     slope = np.cos(m) * np.exp(-v / 2)
     variance = -np.expm1(-v) * (1 + np.exp(-v) * np.cos(2 * m)) / 2 / (kappa or 1) ** 2
     np.testing.assert_allclose(A, [[slope, 0]], atol=1e-12)
@@ -74,6 +75,6 @@ def test_theorem_1_leaves_the_closed_form(x64, kappa):
 @pytest.mark.parametrize(
     ("field", "value"), [("sensor_noise", 0), ("gravity", -1), ("curvature", -0.1)]
 )
-def test_numbers_without_meaning_are_refused(field, value):
+def test_a_pendulum_refuses_numbers_without_meaning(field, value):
     with pytest.raises(ValueError, match=field):
         pendulum(**{field: value})

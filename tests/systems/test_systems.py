@@ -1,4 +1,4 @@
-"""The two systems' functions against their formulas."""
+"""Tests the systems of the paper against their formulas."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -10,7 +10,8 @@ from reference import light_dark as numpy_light_dark
 
 
 def test_light_dark_is_the_double_integrator_of_the_paper(x64, rng):
-    system, model = light_dark_problem().system, numpy_light_dark(sampled=True, dt=1.0)
+    system = light_dark_problem().system
+    model = numpy_light_dark(sampled=True, dt=1.0)
     x = jnp.asarray(rng.normal(size=4))
     np.testing.assert_allclose(system.f(x), model.A @ x)
     np.testing.assert_allclose(system.G(x), model.B)
@@ -33,7 +34,8 @@ def test_light_dark_distances_ignore_the_velocity(light_dark):
 
 
 def test_scalar_linear_is_its_five_numbers():
-    system, x = mb.ScalarLinear(0.3, 0.8, 1.2, 0.7, 0.5), jnp.array([2.0])
+    system = mb.ScalarLinear(0.3, 0.8, 1.2, 0.7, 0.5)
+    x = jnp.array([2.0])
     values = [system.f(x), system.G(x), system.c(x), system.H, system.sigma_o(x)]
     for value, expected in zip(values, ([0.6], [[0.8]], [2.4], [[0.7]], [[0.5]]), strict=True):
         np.testing.assert_allclose(value, expected, rtol=1e-6)

@@ -49,8 +49,8 @@ def test_a_study_as_one_program_agrees_with_its_trials_one_by_one(controller, pr
     """Bounds the differences by the number of roundings times the effect of one.
 
     A rounding changes a row at most as much as an equal move of the prior mean does. That effect is
-    measured with a move far above rounding. Some 10 roundings follow each other at a step of a path,
-    and one at each sample.
+    measured with a move far above rounding. Some 10 roundings follow each other at a step of a
+    path, and one at each sample.
     """
     config = compose(*SMALL, f"controller={controller}", f"precision={precision}")
     together = config | {"batch": TRIALS}

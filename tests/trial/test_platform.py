@@ -1,5 +1,6 @@
-"""Where trials are computed: on the platform that was asked for, or not at all."""
+"""Tests that trials are computed on the platform that was asked for, or not at all."""
 
+import logging
 import os
 import re
 import subprocess
@@ -19,12 +20,12 @@ from mppi_belief.run.local import LocalWorkers
 from mppi_belief.run.task import StudyOrder, TrialFunctions
 from mppi_belief.run.worker import WorkerSetup
 from mppi_belief.trial import check, device, record, run_trials, time_steps
-from mppi_belief.trial.device import computing
+from mppi_belief.trial.device import BACKEND_LOGGER, computing
 
 
 @pytest.fixture(autouse=True)
 def untouched() -> Iterator[None]:
-    """An environment in which nothing is set, put back afterwards."""
+    """Removes what chooses a platform, and restores it afterwards."""
     with restored():
         for name in ("JAX_PLATFORMS", "XLA_FLAGS", "XLA_PYTHON_CLIENT_PREALLOCATE"):
             os.environ.pop(name, None)
@@ -32,7 +33,7 @@ def untouched() -> Iterator[None]:
 
 
 def pretend(monkeypatch: pytest.MonkeyPatch, platform: str, kind: str) -> None:
-    """JAX computes on another device, as far as it says."""
+    """Makes JAX name another device."""
     monkeypatch.setattr(
         jax, "devices", lambda: [SimpleNamespace(platform=platform, device_kind=kind)]
     )
@@ -43,7 +44,8 @@ def test_workers_of_a_gpu_get_it_and_who_starts_them_does_not():
     assert os.environ["JAX_PLATFORMS"] == "cpu"
     assert variables["JAX_PLATFORMS"] == "cuda"
     assert variables["XLA_PYTHON_CLIENT_PREALLOCATE"] == "false"
-    flags, own = variables["XLA_FLAGS"].split(), os.environ["XLA_FLAGS"].split()
+    flags = variables["XLA_FLAGS"].split()
+    own = os.environ["XLA_FLAGS"].split()
     assert set(flags) - set(own) == {"--xla_gpu_deterministic_ops=true"}
     assert set(own) < set(flags)
 
@@ -108,22 +110,21 @@ def test_the_switch_reaches_the_study(
 
 
 def test_without_a_gpu_it_is_one_line_that_names_the_extra_and_nothing_is_written(tmp_path, capfd):
-    if any(one.platform == "gpu" for one in jax.devices()):
+    if any(device.platform == "gpu" for device in jax.devices()):
         pytest.skip("there is a GPU")
     for platforms in (None, "cpu"):
         changed = {} if platforms is None else {"JAX_PLATFORMS": platforms}
-        said = call(tmp_path, capfd, "run", *SMALL, "n_trials=2", "platform=gpu", **changed)
-        assert (said.code, said.out) == (2, "")
-        line = said.err.splitlines()[-1]
-        assert re.fullmatch(
-            rf"mppi-belief: platform=gpu: .*\"mppi-belief\[gpu\]\".*JAX_PLATFORMS={platforms or 'cuda'}\b.*",
-            line,
-        )
-        assert "Traceback" not in said.err
+        answer = call(tmp_path, capfd, "run", *SMALL, "n_trials=2", "platform=gpu", **changed)
+        assert (answer.code, answer.out) == (2, "")
+        line = answer.err.splitlines()[-1]
+        extra = r"\"mppi-belief\[gpu\]\""
+        selected = rf"JAX_PLATFORMS={platforms or 'cuda'}\b"
+        assert re.fullmatch(rf"mppi-belief: platform=gpu: .*{extra}.*{selected}.*", line)
+        assert "Traceback" not in answer.err
         assert files_in(tmp_path) == []
 
 
-def test_a_gpu_that_is_there_is_named_and_multiplies_in_full(monkeypatch):
+def test_a_gpu_is_named_and_multiplies_in_full_precision(monkeypatch):
     config = compose(*SMALL, "platform=gpu")
     pretend(monkeypatch, "gpu", "NVIDIA H100 80GB HBM3")
     assert device(config) == "NVIDIA H100 80GB HBM3"
@@ -153,7 +154,7 @@ def test_nothing_is_computed_anywhere_else(monkeypatch):
         (RuntimeError("first\nsecond"), "first"),
     ],
 )
-def test_why_there_is_none_is_one_line(error, words, monkeypatch):
+def test_the_reason_for_no_device_is_one_line(error, words, monkeypatch):
     def devices() -> list[Any]:
         raise error
 
@@ -165,7 +166,7 @@ def test_why_there_is_none_is_one_line(error, words, monkeypatch):
 
 def test_a_plugin_that_fails_is_the_reason_and_no_traceback(monkeypatch, caplog):
     def devices() -> list[Any]:
-        log = jax._src.xla_bridge.logger
+        log = logging.getLogger(BACKEND_LOGGER)
         try:
             raise RuntimeError("Unable to load CUDA. Is it installed?")
         except RuntimeError:

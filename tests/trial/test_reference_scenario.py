@@ -1,4 +1,4 @@
-"""The reference scenario against what an independent program measured on it (400 trials).
+"""Tests the reference scenario against what an independent program measured (400 trials).
 
 Dynamics, filter, moments, weights and metrics must be right together for these numbers to come out.
 """
@@ -14,29 +14,30 @@ from scipy.stats import binom, fisher_exact
 import mppi_belief as mb
 from helpers import SIGMAS, light_dark_problem, users_jit
 
-TRIALS, REFERENCE_TRIALS = 100, 400
+TRIALS = 100
+REFERENCE_TRIALS = 400
 SAMPLER = mb.NominalSampler(control_std=2.75)
 
 
-class Row(NamedTuple):
-    """Mean and standard error of cost and clearance (m), trials with a collision, mean final distance (m)."""
+class ReferenceRow(NamedTuple):
+    """Holds the published numbers of one method."""
 
     controller: mb.MPPI
-    cost: tuple[float, float]
-    clearance: tuple[float, float]
-    collisions: int
-    final_distance: float
+    cost: tuple[float, float]  # mean and standard error
+    clearance: tuple[float, float]  # m, mean and standard error
+    collisions: int  # trials with one
+    final_distance: float  # m, mean
 
 
 TABLE = {
-    "CE-MPPI": Row(
+    "CE-MPPI": ReferenceRow(
         mb.MPPI(path_cost=mb.CertaintyEquivalent(), sampler=SAMPLER),
         (44.8, 0.35),
         (0.108, 0.009),
         102,
         1.01,
     ),
-    "MPPI-Belief": Row(
+    "MPPI-Belief": ReferenceRow(
         mb.MPPI(path_cost=mb.RiskSensitive(theta=1.0), sampler=SAMPLER),
         (55.9, 0.38),
         (0.734, 0.013),
@@ -47,60 +48,63 @@ TABLE = {
 
 
 @pytest.fixture(scope="module")
-def measured() -> dict[str, mb.Metrics]:
-    """Metrics (TRIALS,) by method, in the precision actually run, by programs that are compiled as users'."""
+def metrics_of_methods() -> dict[str, mb.Metrics]:
+    """Returns metrics (TRIALS,) by method, in float32 and compiled as users' programs are."""
     problem = light_dark_problem()
 
     def metrics(controller: mb.MPPI) -> mb.Metrics:
-        def one(number: jax.Array) -> mb.Metrics:
+        def judge(number: jax.Array) -> mb.Metrics:
             return mb.metrics(problem, mb.simulate_trial(problem, mb.EKF(), controller, 0, number))
 
-        return jax.tree.map(
-            np.asarray, users_jit(lambda numbers: jax.lax.map(one, numbers))(jnp.arange(TRIALS))
-        )
+        run = users_jit(lambda numbers: jax.lax.map(judge, numbers))
+        return jax.tree.map(np.asarray, run(jnp.arange(TRIALS)))
 
     return {name: metrics(row.controller) for name, row in TABLE.items()}
 
 
 @pytest.mark.parametrize("name", TABLE)
-def test_cost_and_clearance_agree_within_standard_errors(name, measured):
-    found = measured[name]
+def test_cost_and_clearance_agree_within_standard_errors(name, metrics_of_methods):
+    metrics = metrics_of_methods[name]
     for values, (mean, error) in (
-        (found.cost, TABLE[name].cost),
-        (found.clearance, TABLE[name].clearance),
+        (metrics.cost, TABLE[name].cost),
+        (metrics.clearance, TABLE[name].clearance),
     ):
         ours = values.std(ddof=1) / np.sqrt(TRIALS)
         assert abs(values.mean() - mean) < SIGMAS * np.hypot(ours, error), (values.mean(), ours)
 
 
 @pytest.mark.parametrize("name", TABLE)
-def test_final_distances_agree_within_standard_errors(name, measured):
-    values = measured[name].final_distance
-    # the table gives no error for these: as large as ours, on its number of trials
-    ours = values.std(ddof=1) * np.sqrt(1 / TRIALS + 1 / REFERENCE_TRIALS)
-    assert (
-        abs(values.mean() - TABLE[name].final_distance) < SIGMAS * ours + 0.005
-    )  # printed to two digits
+def test_final_distances_agree_within_standard_errors(name, metrics_of_methods):
+    values = metrics_of_methods[name].final_distance
+    # The table gives no standard error of these: it is taken to be ours, for its number of trials.
+    error = values.std(ddof=1) * np.sqrt(1 / TRIALS + 1 / REFERENCE_TRIALS)
+    rounding = 0.005  # the table has two digits
+    assert abs(values.mean() - TABLE[name].final_distance) < SIGMAS * error + rounding
 
 
 @pytest.mark.parametrize("name", TABLE)
-def test_collisions_agree(name, measured):
-    """Fisher's exact test on the two counts, at the level of 4.5 standard errors."""
-    ours, theirs = int(measured[name].collided.sum()), TABLE[name].collisions
+def test_collisions_agree(name, metrics_of_methods):
+    """Takes Fisher's exact test on the two counts, at the level of 4.5 standard errors."""
+    ours = int(metrics_of_methods[name].collided.sum())
+    theirs = TABLE[name].collisions
     counts = [[ours, TRIALS - ours], [theirs, REFERENCE_TRIALS - theirs]]
     assert fisher_exact(counts).pvalue > 7e-6, counts
 
 
-def test_planning_with_the_belief_is_safer(measured):
-    """Same trials, same noise: of those in which just one of the two collides, nearly all are CE-MPPI's."""
-    certain, belief = (measured[name].collided for name in TABLE)
-    only_certain, only_belief = np.sum(certain & ~belief), np.sum(belief & ~certain)
+def test_planning_with_the_belief_is_safer(metrics_of_methods):
+    """Compares the same trials: where only one method collides, it is nearly always CE-MPPI."""
+    certain, belief = (metrics_of_methods[name].collided for name in TABLE)
+    only_certain = np.sum(certain & ~belief)
+    only_belief = np.sum(belief & ~certain)
     assert binom.sf(only_certain - 1, only_certain + only_belief, 0.5) < 1e-4
-    assert measured["MPPI-Belief"].clearance.mean() > measured["CE-MPPI"].clearance.mean() + 0.3
+    assert (
+        metrics_of_methods["MPPI-Belief"].clearance.mean()
+        > metrics_of_methods["CE-MPPI"].clearance.mean() + 0.3
+    )
 
 
 @pytest.mark.parametrize("name", TABLE)
-def test_all_trials_are_finite_and_the_weights_not_degenerate(name, measured):
-    assert all(np.all(np.isfinite(part)) for part in measured[name])
-    assert np.all(measured[name].ess > 1)
-    assert np.all(measured[name].ess < 500)
+def test_all_trials_are_finite_and_the_weights_not_degenerate(name, metrics_of_methods):
+    assert all(np.all(np.isfinite(part)) for part in metrics_of_methods[name])
+    assert np.all(metrics_of_methods[name].ess > 1)
+    assert np.all(metrics_of_methods[name].ess < 500)

@@ -48,7 +48,7 @@ def users(
     controller: dict[str, Any] | None = None,
     problem: dict[str, Any] | None = None,
 ) -> dict[str, Any]:
-    """A configuration of the parts in `user_parts`: two states, one control, one measurement."""
+    """Returns a configuration of the parts in `user_parts`."""
     cost = {
         "_target_": "mppi_belief.GoalObstacleCost",
         "goal": [0, 0],
@@ -215,7 +215,7 @@ def test_what_a_system_may_do_without_is_allowed():
 
 
 def foggy(how: str = "nothing") -> dict[str, Any]:
-    """A configuration with obstacles of the user's own, spoilt in the way of `how`."""
+    """Returns a configuration with obstacles of the user's own, spoilt in the way of `how`."""
     obstacles = {"_target_": "user_parts.Fog", "how": how}
     return users(problem={"obstacles": obstacles}) | {"cost": {"_target_": "user_parts.Price"}}
 
@@ -329,7 +329,7 @@ def test_parts_that_do_not_fit_each_other_are_refused(change, reason):
     ],
 )
 def test_numbers_of_the_wrong_length_are_refused(change):
-    """JAX clamps an index that is out of range, so a planner that needs no moments would use them without a word."""
+    """Checks what JAX does not: it clamps an index that is out of range."""
     with pytest.raises(ConfigError):
         check(compose(change, "controller=ce", *PLANNER))
 
@@ -377,7 +377,8 @@ def test_a_row_has_every_column_and_what_was_swept(small):
 
 
 def test_a_trial_does_not_depend_on_the_trials_it_runs_with(small):
-    alone, together = run_trials(small, [2]), run_trials(small, [1, 2, 3])
+    alone = run_trials(small, [2])
+    together = run_trials(small, [1, 2, 3])
     assert together.rows[1] == alone.rows[0]
     assert run_trials(small | {"seed": 4}, [2]).rows[0]["cost"] != alone.rows[0]["cost"]
     for expected, got in zip(
@@ -413,7 +414,7 @@ def test_the_scene_of_the_plane_shows_where_measurements_are_good():
 
 
 def users_light_dark() -> dict[str, Any]:
-    """The light-dark system under the cheapest controller there is."""
+    """Returns the light-dark system with the cheapest controller."""
     return compose(*PLANNER) | {"controller": {"_target_": "user_parts.Constant"}}
 
 

@@ -139,7 +139,7 @@ def _changes(then: dict[str, Any], now: dict[str, Any]) -> list[str]:
 
 
 def _difference(one: Any, precision: str) -> str:
-    where = f" at {one.place}, the first of {one.values}" if one.place else ""
+    where = f" at {one.location}, the first of {one.values}" if one.location else ""
     apart = (
         ""
         if one.ulp is None

@@ -24,7 +24,7 @@ from ..structs import ArrayField, array, number, struct
 
 @struct
 class GoalObstacleCost:
-    """Charges the squared distance to a goal and a Gaussian bump at the centre of every obstacle.
+    """Adds the squared distance to a goal and a Gaussian bump at the centre of every obstacle.
 
     Weights are diagonal (nx,) or full (nx, nx). Obstacles are those of the problem; they must have
     `centers` (n, d), as `mppi_belief.Obstacles` has. Without obstacles the cost is quadratic.

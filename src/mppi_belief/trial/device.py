@@ -29,7 +29,7 @@ def device(config: dict[str, Any]) -> str:
         except Exception as error:
             # Where there is no such device at all, JAX raises an assertion without words.
             text = str(error).partition(" (set JAX_PLATFORMS")[0]
-            reasons = [*messages, text, "there is none"]
+            reasons = [*messages, text, "none is there"]
             reason = next(filter(None, reasons))
             raise ConfigError(f"{requirement}: {first_line(reason)}") from error
     if first_device.platform != platform:

@@ -11,14 +11,14 @@ PATH_QUANTITIES = ("state", "mean", "cov", "control")  # columns of a path that 
 
 
 class Difference(NamedTuple):
-    """A quantity that came out otherwise."""
+    """Holds a quantity that came out otherwise."""
 
     name: str  # the column
     then: Any  # the first value that differs, as it was kept
     now: Any  # the same value of the new run
     ulp: int | None  # numbers of the precision between them, the most of all; None: no numbers
     values: int  # how many values of this column differ
-    place: str  # where along the path the first one is; empty for a value of the row
+    location: str  # where along the path the first one is; empty for a value of the row
 
 
 def rerun(config: dict[str, Any], trial: int) -> Batch:
@@ -26,7 +26,7 @@ def rerun(config: dict[str, Any], trial: int) -> Batch:
 
     Raises `ConfigError` where the configuration cannot be run.
     """
-    return run_trials(config, [trial], kept=trial + 1)
+    return run_trials(config, [trial], path_limit=trial + 1)
 
 
 def differences(
@@ -76,10 +76,10 @@ def _compare_paths(
     distances = [ulps(then[index], now[index], bits) for index in differing]
     largest = max((ulp for ulp in distances if ulp is not None), default=None)
     step, component = differing[0]
-    place = f"step {path[step]['step']}, component {component}"
+    location = f"step {path[step]['step']}, component {component}"
     first_then = float(then[differing[0]])
     first_now = float(now[differing[0]])
-    return Difference(name, first_then, first_now, largest, len(differing), place)
+    return Difference(name, first_then, first_now, largest, len(differing), location)
 
 
 def _same_bits(first: np.ndarray, second: np.ndarray) -> np.ndarray:

@@ -45,11 +45,13 @@ class JudgedTrial(NamedTuple):
     trial: Trial
 
 
-def run_trials(config: dict[str, Any], trials: Sequence[int], kept: int = KEPT_PATHS) -> Batch:
+def run_trials(
+    config: dict[str, Any], trials: Sequence[int], path_limit: int = KEPT_PATHS
+) -> Batch:
     """Run some trials of a cell, in ascending order, a batch at a time.
 
-    An exception in a trial becomes the status of its row. The paths of trials below `kept` are
-    returned too. Raises `ConfigError` for a configuration that cannot be run.
+    An exception in a trial becomes the status of its row. The paths of trials below `path_limit`
+    are returned too. Raises `ConfigError` for a configuration that cannot be run.
     """
     rows: list[dict[str, Any]] = []
     paths: list[dict[str, Any]] = []
@@ -61,7 +63,7 @@ def run_trials(config: dict[str, Any], trials: Sequence[int], kept: int = KEPT_P
                     rows.append(failed_row(config, trial, "error", _reason(outcome)))
                     continue
                 rows.append(_row(config, trial, outcome))
-                if trial < kept:
+                if trial < path_limit:
                     paths += _path_rows(trial, outcome.trial)
         scene = describe_scene(parts.problem) if paths else None
     return Batch(rows, paths, scene)
