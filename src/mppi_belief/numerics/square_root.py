@@ -4,8 +4,8 @@ A square-root filter (Potter 1963; Kaminski, Bryson and Schmidt 1971) keeps cova
 whatever is rounded. The loops here run over single rows and columns, which Python writes out while
 tracing: matrices have 1 to 12 rows, for which a call of LAPACK costs more than the arithmetic.
 
-Measured gain: a step of MPPI-Belief (N = 500, H = 30, float32, one core, jax 0.10.2) takes 0.358 ms,
-0.432 ms with LAPACK's QR factorisation in the place of `tria` (fifth percentiles of interleaved
+Measured gain: a step of MPPI-Belief (N = 500, H = 30, float32, one core, jax 0.10.2) takes 0.358
+ms, 0.432 ms with LAPACK's QR factorisation in the place of `tria` (fifth percentiles of interleaved
 calls on a busy machine).
 """
 
