@@ -175,6 +175,15 @@ class SeesState(Controller, Protocol):
         """Says whether `act` is given the true state, as a belief without uncertainty."""
 
 
+@runtime_checkable
+class WeighsPaths(Controller, Protocol):
+    """Adds to a controller that it weighs sampled paths at a temperature."""
+
+    @property
+    def temperature(self) -> Any:
+        """lambda (), in the unit of the cost."""
+
+
 @struct
 class Problem:
     """Holds Problem 1 with its prior N(prior_mean, diag(prior_std^2)) and time grid t_k = k dt.

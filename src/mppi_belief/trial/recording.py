@@ -26,7 +26,7 @@ from ..matching.affine import outside_mean_tangent
 from ..matching.weights import best_weight, matched_weight, residual
 from ..numerics.quadrature import gaussian_nodes
 from ..planning.parts import SampledPaths
-from ..problem import Belief, Controller, Filter, Problem
+from ..problem import Belief, Controller, Filter, Problem, WeighsPaths
 from ..simulate import Trial, closed_loop
 from .build import CellParts, build
 from .device import computing
@@ -108,15 +108,14 @@ def _matching_residuals(parts: CellParts, trial: Trial) -> dict[str, Any]:
     """
     problem = parts.problem
     means = trial.beliefs.mean
-    temperature = getattr(parts.controller, "temperature", None)
     curves: dict[str, Any] = {}
     for convention, method in (("sample", "filter"), ("intensity", "riccati")):
         reinterpreted = replace(problem, noise_convention=convention)
         start = prior(reinterpreted)._replace(mean=means[0])
         schedule = gain_schedule(reinterpreted, start, trial.controls, method, means[1:])
         curves[convention] = {"optimum": _residual_curve(reinterpreted, schedule, None)}
-        if temperature is not None:
-            weight = matched_weight(problem.cost.R, temperature)
+        if isinstance(parts.controller, WeighsPaths):
+            weight = matched_weight(problem.cost.R, parts.controller.temperature)
             curves[convention]["imposed"] = _residual_curve(reinterpreted, schedule, weight)
     return curves
 

@@ -9,7 +9,7 @@ matches the controls (`conditions.matching_conditions`); Remark 4 requires a dec
 import jax
 
 from ..numerics.dispatch import compute_in_calling_thread
-from ..problem import Controller, Filter, Problem
+from ..problem import Controller, Filter, Problem, WeighsPaths
 from ..results.certificate import Certificate
 from .conditions.affine_conditions import affine_conditions
 from .conditions.expansion_conditions import expansion_conditions
@@ -46,8 +46,9 @@ def what_holds(
     with jax.enable_x64(True):
         path = simulated_path(problem, filter, controller, seed)
         exact = affine_conditions(problem, path)
-        planned_temperature = float(getattr(controller, "temperature", temperature))
-        matched, matching = matching_conditions(problem, path, planned_temperature)
+        if isinstance(controller, WeighsPaths):
+            temperature = float(controller.temperature)
+        matched, matching = matching_conditions(problem, path, temperature)
         checks = [*exact, *matched, *expansion_conditions(problem, path, controller)]
     gaussian = all(check.holds for check in exact)
     statement = f"What holds for {settings}, along the belief of trial 0"
