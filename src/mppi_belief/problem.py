@@ -212,9 +212,11 @@ class Problem:
         """Refuses a system that has what is given to the problem."""
         owned = [name for name in _GIVEN_TO_THE_PROBLEM if _has(self.system, name)]
         if owned:
-            given = "; ".join(_GIVEN_TO_THE_PROBLEM[name] for name in owned)
+            given = ", ".join(_GIVEN_TO_THE_PROBLEM[name] for name in owned)
             kind = type(self.system).__name__
-            raise ValueError(f"system: {kind} has {', '.join(owned)}; give the problem {given}")
+            raise ValueError(
+                f"system: {kind} has {', '.join(owned)}; these are the problem's, give it {given}"
+            )
 
     @property
     def surroundings(self) -> Surroundings:
@@ -235,9 +237,9 @@ class Problem:
 
 
 _GIVEN_TO_THE_PROBLEM = {
-    "position": "position, the components of the state that are the position, such as [0, 1]",
-    "clearance": "obstacles, a class with clearance(position)",
-    "noise_convention": "noise_convention, sample or intensity",
+    "position": "position (components of the state, such as [0, 1])",
+    "clearance": "obstacles (with clearance(position))",
+    "noise_convention": "noise_convention (sample or intensity)",
 }
 
 

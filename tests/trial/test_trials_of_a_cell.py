@@ -266,7 +266,7 @@ def test_a_system_that_has_what_is_the_problems_is_refused():
         build(users() | {"system": {"_target_": "user_parts.Moored"}})
     message = str(caught.value)
     assert message.startswith("problem.system: Moored has position, clearance, noise_convention;")
-    assert "give the problem position, the components of the state" in message
+    assert "these are the problem's, give it position (components of the state" in message
 
 
 @pytest.mark.parametrize(
