@@ -29,6 +29,9 @@ GROUPS = ("system", "cost", "filter", "controller", "sweep", "experiment")
 OPTIONS = {group: sorted(path.stem for path in CONF.glob(f"{group}/*.yaml")) for group in GROUPS}
 NUMBER = re.compile(r"(?<![\w.$])[-+]?\d[\d_.]*(e[-+]?\d+)?(?![\w.])", re.IGNORECASE)
 STEP = 1e-6  # of finite differences, in double precision
+PARTS = {
+    f"{path.parent.name}={path.stem}": path for path in sorted(CONF.glob("controller/*/*.yaml"))
+}  # of a planner
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -220,6 +223,17 @@ class TestPairs:
             assert all(1 - 1e-5 <= ess <= paths * (1 + 1e-5) for ess in sample_sizes)
         else:
             assert np.all(np.isnan(sample_sizes))
+
+
+@pytest.mark.parametrize("part", PARTS)
+def test_a_part_of_a_planner_can_be_chosen_by_its_name(part):
+    group = part.partition("=")[0]
+    controller = "pipf" if group == "combination" else "belief"
+    config = compose(f"controller={controller}", f"controller/{part}", *PLANNER)
+    chosen = build(config).controller
+    target = config["controller"][group]["_target_"]
+    assert target == f"mppi_belief.{type(getattr(chosen, group)).__name__}"
+    check(config)
 
 
 @pytest.mark.parametrize("sweep", OPTIONS["sweep"])
