@@ -54,9 +54,7 @@ class DrawnPaths(NamedTuple):
     """Holds paths as a sampler draws them."""
 
     increments: Array  # (H, nu, N): the controls less those of the nominal plan
-    means: (
-        Array | None
-    )  # (H, nx, N): the belief means they lead along, where the sampler knows them
+    means: Array | None  # (H, nx, N): belief means along them, where the sampler knows them
     correction: Array  # (N,): what (19) adds to path costs for the density that was drawn from
 
 
