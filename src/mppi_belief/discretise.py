@@ -17,24 +17,24 @@ from .problem import Problem, System, WrappedMeasurements
 
 
 def euler_step(system: System, x: Array, u: Array, dt: Array | float) -> Array:
-    """Return the noise-free step of (18): x (nx,), u (nu,) -> (nx,)."""
+    """Returns the noise-free step of (18): x (nx,), u (nu,) -> (nx,)."""
     return x + (system.f(x) + system.G(x) @ u) * dt
 
 
 def measurement_factor(problem: Problem, x: Array) -> Array:
-    """Return F (ny, ny) with F F' = R_s(x): the noise is v = F n for standard normal n."""
+    """Returns F (ny, ny) with F F' = R_s(x): the noise is v = F n for standard normal n."""
     scale = 1.0 if problem.noise_convention == "sample" else 1.0 / jnp.sqrt(problem.dt)
     return problem.system.sigma_o(x) * scale
 
 
 def measurement_cov(problem: Problem, x: Array) -> Array:
-    """Return the covariance R_s (ny, ny) of one measurement at x (nx,)."""
+    """Returns the covariance R_s (ny, ny) of one measurement at x (nx,)."""
     factor = measurement_factor(problem, x)
     return factor @ factor.T
 
 
 def measurement_intensity(problem: Problem, x: Array) -> Array:
-    """Return the intensity R_o = R_s dt (ny, ny) of the continuous measurement (1b) at x (nx,)."""
+    """Returns the intensity R_o = R_s dt (ny, ny) of the continuous measurement (1b) at x (nx,)."""
     return measurement_cov(problem, x) * problem.dt
 
 

@@ -14,7 +14,7 @@ class ConfigError(Exception):
 
 
 def plain_line(text: str) -> str:
-    """Return the text as one line that any terminal can print.
+    """Returns the text as one line that any terminal can print.
 
     Characters that cannot be printed are escaped, and a line beyond `LONGEST_LINE` is cut.
     """
@@ -25,7 +25,7 @@ def plain_line(text: str) -> str:
 
 
 def first_line(error: BaseException | str) -> str:
-    """Return the first line of a text or of an exception, whose name it is if it says nothing."""
+    """Returns the first line of a text or of an exception, whose name it is if it says nothing."""
     lines = str(error).strip().splitlines()
     if lines:
         return lines[0].strip()
@@ -35,7 +35,7 @@ def first_line(error: BaseException | str) -> str:
 def unknown_key(
     key: str, known: Sequence[str], what: str = "key", see: str = "mppi-belief run --help"
 ) -> str:
-    """Return one line about a misspelt key, or another kind of name, with the nearest known one."""
+    """Returns one line about a misspelt key or other name, with the nearest known one."""
     nearest = get_close_matches(key, known, n=1)
     advice = f"did you mean '{nearest[0]}'?" if nearest else f"see {see}"
     return f"unknown {what} '{key}'; {advice}"

@@ -31,7 +31,7 @@ class Rule(Protocol):
     """Says what a value of a field must be."""
 
     def check(self, value: Any) -> Any:
-        """Return the value in its final type; raises `ValueError` without the field's name."""
+        """Returns the value in its final type; raises `ValueError` without the field's name."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -44,7 +44,7 @@ class Number:
     optional: bool = False  # whether None is allowed
 
     def check(self, value: Any) -> float | None:
-        """Return the value as a float."""
+        """Returns the value as a float."""
         if value is None and self.optional:
             return None
         if isinstance(value, bool) or not isinstance(value, numbers.Real):
@@ -69,7 +69,7 @@ class WholeNumber:
     optional: bool = False  # whether None is allowed
 
     def check(self, value: Any) -> int | None:
-        """Return the value as an int."""
+        """Returns the value as an int."""
         if value is None and self.optional:
             return None
         if isinstance(value, bool) or not isinstance(value, numbers.Integral):
@@ -86,7 +86,7 @@ class Indices:
     optional: bool = False  # whether None is allowed
 
     def check(self, value: Any) -> tuple[int, ...] | None:
-        """Return the value as a tuple of int."""
+        """Returns the value as a tuple of int."""
         if value is None and self.optional:
             return None
         if isinstance(value, (str, bytes, dict)) or not isinstance(value, Iterable):
@@ -107,7 +107,7 @@ class Choice:
     options: tuple[Any, ...]
 
     def check(self, value: Any) -> Any:
-        """Return the value as it is."""
+        """Returns the value as it is."""
         if value not in self.options:
             allowed = ", ".join(map(str, self.options))
             raise ValueError(f"must be one of {allowed}, got {value!r}")
@@ -122,14 +122,14 @@ class Text:
     description: str  # completes "must be ...", with an example: "an amount such as 2GB"
 
     def check(self, value: Any) -> str:
-        """Return the value as it is."""
+        """Returns the value as it is."""
         if not isinstance(value, str) or not re.fullmatch(self.pattern, value):
             raise ValueError(f"must be {self.description}, got {value!r}")
         return value
 
 
 def check_range(value: Any, bounds: Any, where: str = "") -> None:
-    """Raise `ValueError` if the value is outside `bounds.ge`, `bounds.gt` or `bounds.le`.
+    """Raises `ValueError` if the value is outside `bounds.ge`, `bounds.gt` or `bounds.le`.
 
     `where` ("everywhere") names the part of an array that the value is taken from.
     """
@@ -144,7 +144,7 @@ def check_range(value: Any, bounds: Any, where: str = "") -> None:
 
 
 def checked(name: str, value: Any, rule: Rule) -> Any:
-    """Return the value in its final type; raises `ValueError` that begins with the field's name."""
+    """Returns the value in its final type; a `ValueError` begins with the field's name."""
     try:
         return rule.check(value)
     except ValueError as error:
@@ -152,12 +152,12 @@ def checked(name: str, value: Any, rule: Rule) -> Any:
 
 
 def ruled(rule: Rule, default: Any = dataclasses.MISSING) -> Any:
-    """Return a dataclass field that carries a rule."""
+    """Returns a dataclass field that carries a rule."""
     return dataclasses.field(default=default, metadata={RULE: rule})
 
 
 def rules(cls: Any) -> dict[str, Rule]:
-    """Return the rules of a dataclass by name of the field, of those fields that have one."""
+    """Returns the rules of a dataclass by name of the field, of those fields that have one."""
     rules_by_name: dict[str, Rule] = {}
     for field in dataclasses.fields(cls):
         if RULE in field.metadata:

@@ -70,7 +70,7 @@ class ArrayOfNumbers:
     optional: bool = False  # whether None is allowed
 
     def check(self, value: Any) -> np.ndarray | None:
-        """Return the value as an array of floats."""
+        """Returns the value as an array of floats."""
         if value is None and self.optional:
             return None
         try:
@@ -89,7 +89,7 @@ class ArrayOfNumbers:
         return result
 
     def _check_bounds(self, value: np.ndarray) -> None:
-        """Raise `ValueError` if an entry, or an eigenvalue of a weight matrix, is out of bounds."""
+        """Raises `ValueError` if an entry or an eigenvalue of a weight is out of bounds."""
         where = "everywhere"
         if self.ndim == (1, 2) and value.ndim == 2:
             if value.shape[0] != value.shape[1] or not np.allclose(value, value.T):
@@ -157,7 +157,7 @@ def choice(*options: Any, default: Any = dataclasses.MISSING) -> Any:
     field_specifiers=(number, array, size, indices, choice, dataclasses.field),
 )
 def struct(cls: type[T]) -> type[T]:
-    """Make `cls` a frozen dataclass, check its fields on construction, register it as a pytree.
+    """Makes `cls` a frozen dataclass, check its fields on construction, register it as a pytree.
 
     A `__post_init__` of the class itself is called after its fields are checked.
     """
@@ -188,7 +188,7 @@ def _is_static(rule: Any) -> bool:
 
 
 def _check_fields(self: Any) -> None:
-    """Check and convert every field that has a rule."""
+    """Checks and convert every field that has a rule."""
     for name, rule in rules(type(self)).items():
         value = getattr(self, name)
         if _is_static(rule) or not _is_traced(value):

@@ -1,4 +1,4 @@
-"""Metrics of a trial: cost (2), collisions, and the consistency of its filter."""
+"""Judges a trial: its cost (2), its collisions, and the consistency of its filter."""
 
 import jax
 import jax.numpy as jnp
@@ -14,12 +14,16 @@ from .simulate import Trial
 
 
 def metrics(problem: Problem, trial: Trial) -> Metrics:
-    """Judge a trial. A collision is a state, of any step, on or inside an obstacle."""
+    """Returns what a trial is judged by.
+
+    A collision is a state of any step on or inside an obstacle.
+    """
     cost = problem.cost
     rates = jax.vmap(lambda x, u: cost.base(x) + 0.5 * quadratic_form(cost.R, u))(
         trial.states[:-1], trial.controls
     )
-    running, terminal = jnp.sum(rates) * problem.dt, cost.terminal(trial.states[-1])
+    running = jnp.sum(rates) * problem.dt
+    terminal = cost.terminal(trial.states[-1])
     clearance = jnp.min(jax.vmap(problem.clearance)(trial.states))
     miss = problem.position_of(trial.states[-1]) - problem.position_of(jnp.asarray(cost.goal))
     return Metrics(

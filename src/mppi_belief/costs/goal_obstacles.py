@@ -55,7 +55,7 @@ class GoalObstacleCost:
         return 0.5 * quadratic_form(self.terminal_weight, minus(x, self.goal))
 
     def running_moments(self, mean: Array, cov: Array, surroundings: Surroundings) -> CostMoments:
-        """Return Eqs. (3)(4) and the variances of Remark 4, exact."""
+        """Returns (3)(4) and the variances of Remark 4, exact."""
         goal = jnp.asarray(self.goal)
         weight = jnp.asarray(self.running_weight)
         centers = _centers(surroundings)
@@ -84,12 +84,12 @@ class GoalObstacleCost:
         )
 
     def terminal_mean(self, mean: Array, cov: Array) -> Array:
-        """Return the expected terminal cost, exact."""
+        """Returns the expected terminal cost, exact."""
         return quadratic_moments(mean, cov, jnp.asarray(self.goal), self.terminal_weight)[0]
 
 
 def _centers(surroundings: Surroundings) -> Array | None:
-    """Return the centres (n, d) of the obstacles, None without any; raises `ValueError`."""
+    """Returns the centres (n, d) of the obstacles, None without any; raises `ValueError`."""
     obstacles = surroundings.obstacles
     if obstacles is None:
         return None

@@ -14,7 +14,7 @@ class Obstacles:
     radius: float = number(ge=0)  # m
 
     def clearance(self, position: Array) -> Array:
-        """Return the distance () from a position (d,) to the nearest surface.
+        """Returns the distance () from a position (d,) to the nearest surface.
 
         It is negative inside, and inf without discs. Raises `ValueError` for another d.
         """

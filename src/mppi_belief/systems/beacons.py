@@ -48,7 +48,7 @@ class Beacons:
         return jnp.vstack([jnp.zeros((2, 2)), jnp.eye(2)])
 
     def c(self, x: Array) -> Array:
-        """Return distances and bearings (2 n,).
+        """Returns distances and bearings (2 n,).
 
         Distances are taken without division by kappa and angles by one atan2, so that nothing
         cancels however small kappa is.
@@ -72,7 +72,7 @@ class Beacons:
         return jnp.ravel(jnp.stack([distance, bearing], axis=1))
 
     def difference(self, y: Array, predicted: Array) -> Array:
-        """Return y - predicted (2 n,), bearings within half a period 2 pi / kappa of zero."""
+        """Returns y - predicted (2 n,), bearings within half a period 2 pi / kappa of zero."""
         differences = jnp.reshape(y - predicted, (-1, 2))
         period = 2 * jnp.pi / _or_one(self.curvature)
         whole_periods = period * jnp.round(differences[:, 1] / period)
@@ -89,5 +89,5 @@ class Beacons:
 
 
 def _or_one(kappa: Array | float) -> Array:
-    """Return kappa (), or 1 where it is 0 and the quotient by it is not used."""
+    """Returns kappa (), or 1 where it is 0 and the quotient by it is not used."""
     return jnp.where(jnp.asarray(kappa) > 0, kappa, 1.0)

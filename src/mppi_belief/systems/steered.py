@@ -52,7 +52,7 @@ class Steered:
         return jnp.diag(jnp.asarray(self.sensor_noise))
 
     def aimed(self, problem: Problem, mean: Array, root: Array, sampled: bool) -> "Steered":
-        """Return the system with the sensor that a belief asks for, fixed from then on.
+        """Returns the system with the sensor that a belief asks for, fixed from then on.
 
         The belief is N(mean, root root'), mean (nx,) and root (nx, nx). With `sampled` it is the
         belief before a measurement every dt, and otherwise that of a continuous measurement.

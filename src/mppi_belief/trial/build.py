@@ -24,7 +24,7 @@ class CellParts(NamedTuple):
 
 
 def build(config: dict[str, Any]) -> CellParts:
-    """Make the objects that a configuration describes; raises `ConfigError`."""
+    """Makes the objects that a configuration describes; raises `ConfigError`."""
     system = _make_group(config, "system")
     cost = _make_group(config, "cost")
     filter = _make_group(config, "filter")
@@ -36,7 +36,7 @@ def build(config: dict[str, Any]) -> CellParts:
 
 
 def check(config: dict[str, Any]) -> None:
-    """Check that a configuration can be run, without running a trial; raises `ConfigError`.
+    """Checks that a configuration can be run, without running a trial; raises `ConfigError`.
 
     Everything is built, computed at a few states, and one trial is traced.
     """
@@ -50,14 +50,14 @@ def check(config: dict[str, Any]) -> None:
 
 
 def _make_group(config: dict[str, Any], group: str, parts: dict[str, Any] | None = None) -> Any:
-    """Make the object of one group of a configuration, from its node and from `parts`."""
+    """Makes the object of one group of a configuration, from its node and from `parts`."""
     if "_target_" not in config[group]:
         raise ConfigError(f"{group} has no _target_, the class it is made of")
     return _make(config[group], group, parts)
 
 
 def _make(node: Any, path: str, parts: dict[str, Any] | None = None) -> Any:
-    """Make an object of every mapping with a `_target_`, from the inside out."""
+    """Makes an object of every mapping with a `_target_`, from the inside out."""
     if isinstance(node, list):
         return [_make(item, path) for item in node]
     if not isinstance(node, dict):
@@ -83,7 +83,7 @@ def _make(node: Any, path: str, parts: dict[str, Any] | None = None) -> Any:
 
 @functools.cache
 def _check_trial(structure: Any, shapes: tuple[tuple[int, ...], ...], precision: str) -> None:
-    """Trace a trial of this structure, in the current precision and once for all numbers."""
+    """Traces a trial of this structure, in the current precision and once for all numbers."""
     parts = jax.tree.unflatten(structure, [jax.ShapeDtypeStruct(shape, float) for shape in shapes])
     try:
         jax.eval_shape(simulate_trial, *parts, 0, 0)

@@ -15,7 +15,7 @@ BACKEND_LOGGER = "jax._src.xla_bridge"  # logs why a plugin of JAX cannot be loa
 
 
 def device(config: dict[str, Any]) -> str:
-    """Return what JAX calls the device that this process computes on.
+    """Returns what JAX calls the device that this process computes on.
 
     Raises `ConfigError` if there is none of the configuration's platform or JAX chose another.
     """
@@ -39,7 +39,7 @@ def device(config: dict[str, Any]) -> str:
 
 @contextmanager
 def computing(config: dict[str, Any]) -> Iterator[None]:
-    """Compute on the configuration's platform and in its precision.
+    """Computes on the configuration's platform and in its precision.
 
     Raises `ConfigError` where that cannot be, see `device`.
     """
@@ -53,7 +53,7 @@ def computing(config: dict[str, Any]) -> Iterator[None]:
 
 
 def _requirement(platform: str) -> str:
-    """Return what a platform needs."""
+    """Returns what a platform needs."""
     if platform == "gpu":
         return 'needs an NVIDIA GPU and pip install "mppi-belief[gpu]"'
     return "needs JAX_PLATFORMS unset or cpu"
@@ -61,7 +61,7 @@ def _requirement(platform: str) -> str:
 
 @contextmanager
 def _backend_messages() -> Iterator[list[str]]:
-    """Collect what JAX would log while it looks for devices.
+    """Collects what JAX would log while it looks for devices.
 
     A plugin that fails is logged with a traceback, even if its platform is not wanted.
     """

@@ -22,7 +22,7 @@ class Difference(NamedTuple):
 
 
 def rerun(config: dict[str, Any], trial: int) -> Batch:
-    """Run one trial at its place in its batch, and keep its path.
+    """Runs one trial at its place in its batch, and keep its path.
 
     Raises `ConfigError` where the configuration cannot be run.
     """
@@ -36,7 +36,7 @@ def differences(
     again: Sequence[dict[str, Any]],
     bits: str,
 ) -> list[Difference]:
-    """Return what differs between two rows and two paths.
+    """Returns what differs between two rows and two paths.
 
     The columns are those of `then`. A number that was not kept, and a path of which nothing was
     kept, are not compared. `bits` is the precision, "float32" or "float64".
@@ -50,7 +50,7 @@ def differences(
 
 
 def _compare_values(name: str, then: Any, now: Any, bits: str) -> Difference | None:
-    """Compare two values of a row."""
+    """Compares two values of a row."""
     if isinstance(then, float) and isinstance(now, float):
         if _same_bits(np.array([then]), np.array([now])).all():
             return None
@@ -64,7 +64,7 @@ def _compare_values(name: str, then: Any, now: Any, bits: str) -> Difference | N
 def _compare_paths(
     name: str, path: Sequence[dict[str, Any]], again: Sequence[dict[str, Any]], bits: str
 ) -> Difference | None:
-    """Compare one quantity along two paths of the same length."""
+    """Compares one quantity along two paths of the same length."""
     then = np.array([step[name] for step in path], dtype=np.float64)
     now = np.array([step[name] for step in again], dtype=np.float64)
     if then.shape != now.shape:
@@ -83,20 +83,20 @@ def _compare_paths(
 
 
 def _same_bits(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """Return where float64 values have the same bits, or are both not a number."""
+    """Returns where float64 values have the same bits, or are both not a number."""
     same = first.view(np.int64) == second.view(np.int64)
     return same | (np.isnan(first) & np.isnan(second))
 
 
 def ulps(first: float, second: float, bits: str) -> int | None:
-    """Return how many steps of a precision lie between two numbers; None if one is not finite."""
+    """Returns how many steps of a precision lie between two numbers; None if one is not finite."""
     if not (np.isfinite(first) and np.isfinite(second)):
         return None
     return abs(_rank(first, bits) - _rank(second, bits))
 
 
 def _rank(value: float, bits: str) -> int:
-    """Return the place of a number among all of its precision, 0 for zero, negative below it."""
+    """Returns the place of a number among all of its precision, 0 for zero, negative below it."""
     kind: Any = np.dtype(bits).type
     integer = np.dtype(bits).str.replace("f", "i")
     rank = int(abs(kind(value)).view(integer))
@@ -104,7 +104,7 @@ def _rank(value: float, bits: str) -> int:
 
 
 def finite_steps(path: Sequence[dict[str, Any]]) -> Iterator[dict[str, Any]]:
-    """Yield the steps of a path before it leaves the finite numbers."""
+    """Yields the steps of a path before it leaves the finite numbers."""
     for step in path:
         if not np.all(np.isfinite(np.concatenate([step["state"], step["mean"], step["cov"]]))):
             return

@@ -16,7 +16,7 @@ MAP_ROWS = 31  # grid points along the second axis
 
 
 def describe_scene(problem: Problem) -> dict[str, Any]:
-    """Return the scene in plain numbers.
+    """Returns the scene in plain numbers.
 
     Its keys are dt (s), position (components of the state), start, goal and obstacles (m), radius
     (m); `starts` for a prior with modes; and `noise` for positions in the plane, which is sigma_o
@@ -46,15 +46,16 @@ def describe_scene(problem: Problem) -> dict[str, Any]:
 
 
 def _components(problem: Problem) -> list[int]:
-    """Return the components of the state that are the position, also where they are all of them."""
+    """Returns the components of the state that are the position, also if they are all."""
     nx = len(problem.prior_mean)
     return list(range(nx) if problem.position is None else problem.position)
 
 
 def _noise_map(problem: Problem, points: np.ndarray) -> dict[str, Any]:
-    """Return the root mean square of sigma_o over a grid around points (P, 2), at the prior's mean.
+    """Returns the root mean square of sigma_o over a grid around points (P, 2).
 
-    The level has the shape (MAP_ROWS, MAP_COLUMNS).
+    Other components of the state are those of the prior's mean. The level has the shape
+    (MAP_ROWS, MAP_COLUMNS).
     """
     low = points.min(axis=0) - MARGIN
     high = points.max(axis=0) + MARGIN

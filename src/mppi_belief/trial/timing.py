@@ -21,7 +21,7 @@ from .device import computing
 
 
 def time_steps(config: dict[str, Any], calls: int = 200) -> list[float]:
-    """Return wall times (s) of single control steps in closed loop.
+    """Returns wall times (s) of single control steps in closed loop.
 
     They are compiled and warm, and each is waited for before the next.
     """
@@ -38,7 +38,7 @@ def time_steps(config: dict[str, Any], calls: int = 200) -> list[float]:
 
 @functools.cache
 def _step_functions() -> tuple[Any, Any]:
-    """Return the compiled control step, without diagnostics, and the compiled rest of a step."""
+    """Returns the compiled control step, without diagnostics, and the compiled rest of a step."""
 
     def act(problem: Any, controller: Any, belief: Any, plan: Any, key: Any) -> tuple[Any, Any]:
         u, plan, _ = controller.act(problem, belief, plan, key)
@@ -48,7 +48,7 @@ def _step_functions() -> tuple[Any, Any]:
 
 
 def _time_one_trial(parts: CellParts, seed: int, trial: int, act: Any, respond: Any) -> list[float]:
-    """Return the wall times (s) of the control steps of one trial."""
+    """Returns the wall times (s) of the control steps of one trial."""
     problem, filter, controller = parts
     plant_key = role_key(seed, trial, PLANT)
     filter_key = role_key(seed, trial, FILTER)

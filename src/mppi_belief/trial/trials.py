@@ -48,7 +48,7 @@ class JudgedTrial(NamedTuple):
 def run_trials(
     config: dict[str, Any], trials: Sequence[int], path_limit: int = KEPT_PATHS
 ) -> Batch:
-    """Run some trials of a cell, in ascending order, a batch at a time.
+    """Runs some trials of a cell, in ascending order, a batch at a time.
 
     An exception in a trial becomes the status of its row. The paths of trials below `path_limit`
     are returned too. Raises `ConfigError` for a configuration that cannot be run.
@@ -72,7 +72,7 @@ def run_trials(
 def _run_batch(
     parts: CellParts, config: dict[str, Any], trials: Sequence[int]
 ) -> Iterator[tuple[int, JudgedTrial | Exception]]:
-    """Yield each trial of one batch with its outcome.
+    """Yields each trial of one batch with its outcome.
 
     A batch that raises is halved until the trial that raises is alone.
     """
@@ -96,19 +96,19 @@ def _run_batch(
 
 
 def _judged_trials(parts: CellParts, seed: int, trials: int | np.ndarray) -> JudgedTrial:
-    """Return one trial or, with one more axis (B,) in front of all results, those of a batch."""
+    """Returns one trial or, with one more axis (B,) in front of all results, those of a batch."""
     trial_metrics, result = simulate_and_judge(*parts, seed, trials)
     compared = judge_filter(parts.problem, parts.filter, result)
     return jax.device_get(JudgedTrial(trial_metrics, compared, result))
 
 
 def _at_position(results: JudgedTrial, position: int) -> JudgedTrial:
-    """Return the trial at one position of a batch."""
+    """Returns the trial at one position of a batch."""
     return jax.tree.map(lambda values: values[position], results)
 
 
 def _batch_positions(trials: Sequence[int], size: int) -> int | np.ndarray:
-    """Return the trial at each position of a batch (size,); for batches of one just the trial."""
+    """Returns the trial at each position of a batch (size,); for batches of one just the trial."""
     if size == 1:
         return trials[0]
     positions = np.full(size, trials[0])
@@ -120,7 +120,7 @@ def _batch_positions(trials: Sequence[int], size: int) -> int | np.ndarray:
 def simulate_and_judge(
     problem: Problem, filter: Filter, controller: Controller, seed: Any, trial: Any
 ) -> tuple[Metrics, Trial]:
-    """Simulate and judge a trial () or a batch of them (B,)."""
+    """Simulates and judge a trial () or a batch of them (B,)."""
 
     def run_one(trial: Any) -> tuple[Metrics, Trial]:
         result = simulate_trial(problem, filter, controller, seed, trial)
@@ -131,7 +131,7 @@ def simulate_and_judge(
 
 @jax.jit
 def judge_filter(problem: Problem, filter: Filter, result: Trial) -> Consistency:
-    """Judge the filter in a trial or a batch; a program of its own, which all controllers share."""
+    """Judges the filter in a trial or a batch; all controllers share this program."""
 
     def compare_one(result: Trial) -> Consistency:
         return consistency(problem, filter, result)
@@ -140,7 +140,7 @@ def judge_filter(problem: Problem, filter: Filter, result: Trial) -> Consistency
 
 
 def _row(config: dict[str, Any], trial: int, judged: JudgedTrial) -> dict[str, Any]:
-    """Return the row of a trial that was run to its end."""
+    """Returns the row of a trial that was run to its end."""
     numbers = judged.metrics._asdict() | judged.consistency._asdict()
     error = divergence(judged.metrics, judged.trial)
     return {
@@ -152,7 +152,7 @@ def _row(config: dict[str, Any], trial: int, judged: JudgedTrial) -> dict[str, A
 
 
 def failed_row(config: dict[str, Any], trial: int, status: str, error: str) -> dict[str, Any]:
-    """Return the row of a trial that has no results."""
+    """Returns the row of a trial that has no results."""
     absent = dict.fromkeys((*Metrics._fields, *Consistency._fields), float("nan"))
     return {
         **_labels(config, trial, status),
@@ -164,13 +164,13 @@ def failed_row(config: dict[str, Any], trial: int, status: str, error: str) -> d
 
 
 def _labels(config: dict[str, Any], trial: int, status: str) -> dict[str, Any]:
-    """Return the trial, its status and the labels of its cell, in the order of a row."""
+    """Returns the trial, its status and the labels of its cell, in the order of a row."""
     own = {"trial": trial, "status": status}
     return own | {name: value for name, value in labels(config).items() if name not in own}
 
 
 def _reason(error: Exception) -> str:
-    """Return what an exception says.
+    """Returns what an exception says.
 
     That of a callback comes with a traceback, which differs with who runs it and where; of it only
     the last line is taken.
@@ -180,7 +180,7 @@ def _reason(error: Exception) -> str:
 
 
 def divergence(judged: Metrics, result: Trial) -> str | None:
-    """Return what left the finite numbers in a trial, None if nothing did."""
+    """Returns what left the finite numbers in a trial, None if nothing did."""
     quantities: dict[str, Any] = {
         "state": result.states,
         "belief": np.append(result.beliefs.mean, result.beliefs.cov),
@@ -194,7 +194,7 @@ def divergence(judged: Metrics, result: Trial) -> str | None:
 
 
 def _path_rows(trial: int, result: Trial) -> list[dict[str, Any]]:
-    """Return a row per step 0..T of a trial; after the last step there is no control (nan)."""
+    """Returns a row per step 0..T of a trial; after the last step there is no control (nan)."""
     controls = np.vstack([result.controls, np.full_like(result.controls[:1], np.nan)])
     columns = zip(result.states, result.beliefs.mean, result.beliefs.cov, controls, strict=True)
     return [

@@ -56,7 +56,7 @@ _TRACERS = (jax.errors.ConcretizationTypeError, jax.errors.TracerArrayConversion
 
 
 def check_numbers(parts: Any, precision: str) -> None:
-    """Raise `ConfigError` for a number of `parts` that the precision cannot hold."""
+    """Raises `ConfigError` for a number of `parts` that the precision cannot hold."""
     for keys, leaf in jax.tree.leaves_with_path(parts):
         name = ".".join(str(getattr(key, "name", getattr(key, "key", key))) for key in keys)
         if name.startswith(("problem.system", "problem.cost")):
@@ -75,7 +75,7 @@ def check_numbers(parts: Any, precision: str) -> None:
 
 
 def check_problem(problem: Problem, precision: str) -> None:
-    """Raise `ConfigError` for a member of the system, the cost or the obstacles that does not fit.
+    """Raises `ConfigError` for a member of the system, the cost or the obstacles that does not fit.
 
     A member does not fit if it is missing, fails, or returns another shape or type or a value that
     is not finite. Nor does a singular sigma_o, or an R that is not positive definite.
@@ -89,7 +89,7 @@ def check_problem(problem: Problem, precision: str) -> None:
 
 
 def _names(problem: Problem) -> list[str]:
-    """Return the names in `SHAPES` that this problem has to have."""
+    """Returns the names in `SHAPES` that this problem has to have."""
     absent = [name for name in OPTIONAL if getattr(problem, name.rpartition(".")[2]) is None]
     if problem.obstacles is None:
         absent.append("problem.obstacles.clearance")
@@ -97,7 +97,7 @@ def _names(problem: Problem) -> list[str]:
 
 
 def _owner(problem: Problem, name: str) -> Any:
-    """Return the object whose member a name of `SHAPES` is."""
+    """Returns the object whose member a name of `SHAPES` is."""
     parts = name.split(".")[:-1]
     owner: Any = problem
     for part in parts if parts[0] != "problem" else parts[1:]:
@@ -106,7 +106,7 @@ def _owner(problem: Problem, name: str) -> Any:
 
 
 def _check_member(problem: Problem, name: str) -> None:
-    """Raise `ConfigError` for a member that is missing or takes other arguments."""
+    """Raises `ConfigError` for a member that is missing or takes other arguments."""
     owner = _owner(problem, name)
     member = inspect.getattr_static(owner, name.rpartition(".")[2], None)
     if member is None:
@@ -121,7 +121,7 @@ def _check_member(problem: Problem, name: str) -> None:
 
 
 def _check_takes_surroundings(method: Any, name: str, arguments: str) -> None:
-    """Raise `ConfigError` for a method that does not take the position and the obstacles."""
+    """Raises `ConfigError` for a method that does not take the position and the obstacles."""
     try:
         inspect.signature(method).bind("self", *arguments.split(", "))
     except TypeError as error:
@@ -132,7 +132,7 @@ def _check_takes_surroundings(method: Any, name: str, arguments: str) -> None:
 
 
 def _check_position(problem: Problem) -> None:
-    """Raise `ConfigError` for a component of the position that the state does not have."""
+    """Raises `ConfigError` for a component of the position that the state does not have."""
     position = problem.position or ()
     nx = len(problem.prior_mean)
     if any(component >= nx for component in position):
@@ -143,7 +143,7 @@ def _check_position(problem: Problem) -> None:
 
 @functools.cache
 def _check_functions(structure: Any, shapes: tuple[Shape, ...], precision: str) -> None:
-    """Raise `ConfigError` for a shape or type that does not fit, in the current precision."""
+    """Raises `ConfigError` for a shape or type that does not fit, in the current precision."""
     leaves = [jax.ShapeDtypeStruct(shape, float) for shape in shapes]
     problem: Problem = jax.tree.unflatten(structure, leaves)
     sizes: dict[str, int] = {}
@@ -163,7 +163,7 @@ def _check_functions(structure: Any, shapes: tuple[Shape, ...], precision: str) 
 
 
 def _shape(problem: Problem, name: str) -> Shape:
-    """Return the shape of a member at a state; raises `ConfigError` if it fails or is no array."""
+    """Returns the shape of a member at a state; raises `ConfigError` if it fails or is no array."""
     x: Any = jax.ShapeDtypeStruct(problem.prior_mean.shape, float)
     try:
         result = jax.eval_shape(functools.partial(_value, name), problem, x)
@@ -182,7 +182,7 @@ def _shape(problem: Problem, name: str) -> Shape:
 
 
 def _value(name: str, problem: Problem, x: Array) -> Any:
-    """Return what a member of `SHAPES` gives at a state (nx,)."""
+    """Returns what a member of `SHAPES` gives at a state (nx,)."""
     if name == "cost.penalty":
         return problem.penalty(x)
     if name == "problem.obstacles.clearance":
@@ -194,7 +194,7 @@ def _value(name: str, problem: Problem, x: Array) -> Any:
 
 
 def _hint(problem: Problem, name: str) -> str:
-    """Return a sentence about fields annotated as whole numbers that are not made with `size`."""
+    """Returns a sentence about fields annotated as whole numbers that are not made with `size`."""
     owner = _owner(problem, name)
     if not dataclasses.is_dataclass(owner):
         return ""
@@ -210,7 +210,7 @@ def _hint(problem: Problem, name: str) -> str:
 # Compiled without optimisation, since it runs once for each cell.
 @functools.partial(jax.jit, compiler_options={"xla_backend_optimization_level": 0})
 def _values(problem: Problem, states: Array) -> dict[str, Array]:
-    """Return what every member gives at states (P, nx), with one more axis (P, ...) in front."""
+    """Returns what every member gives at states (P, nx), with one more axis (P, ...) in front."""
 
     def at_state(x: Array) -> dict[str, Any]:
         values = {name: _value(name, problem, x) for name in _names(problem)}
@@ -223,7 +223,7 @@ def _values(problem: Problem, states: Array) -> dict[str, Array]:
 
 
 def _check_values(problem: Problem, precision: str) -> None:
-    """Raise `ConfigError` for a value that is not finite, a singular sigma_o, an unfit R."""
+    """Raises `ConfigError` for a value that is not finite, a singular sigma_o, an unfit R."""
     states = _states(problem).astype(precision)
     try:
         results = _values(problem, states)
@@ -250,7 +250,7 @@ def _check_values(problem: Problem, precision: str) -> None:
 
 
 def _states(problem: Problem) -> np.ndarray:
-    """Return the states (P, nx) at which values are checked."""
+    """Returns the states (P, nx) at which values are checked."""
     mean = np.asarray(problem.prior_mean)
     std = np.asarray(problem.prior_std)
     draws = mean + std * np.random.default_rng(0).normal(size=(DRAWS, len(mean)))
@@ -261,7 +261,7 @@ def _states(problem: Problem) -> np.ndarray:
 
 
 def _check_control_weight(R: np.ndarray) -> None:
-    """Raise `ConfigError` for a control weight (nu, nu) that is not symmetric positive definite."""
+    """Raises `ConfigError` for a control weight (nu, nu) that is not positive definite."""
     if not np.allclose(R, R.T, atol=SYMMETRIC * np.max(np.abs(R))):
         raise ConfigError(f"cost.R={R.tolist()}: must be symmetric")
     eigenvalues = np.linalg.eigvalsh(R)
@@ -270,7 +270,7 @@ def _check_control_weight(R: np.ndarray) -> None:
 
 
 def _refuse(name: str, what: str, fine: np.ndarray, states: np.ndarray, value: np.ndarray) -> None:
-    """Raise `ConfigError` for the first state (P, nx) where `fine` (P, ...) is not all true."""
+    """Raises `ConfigError` for the first state (P, nx) where `fine` (P, ...) is not all true."""
     bad = np.flatnonzero(~np.all(fine.reshape(len(states), -1), axis=1))
     if len(bad):
         state = np.round(states[bad[0]].astype(float), 4).tolist()
