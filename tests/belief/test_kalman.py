@@ -49,9 +49,9 @@ def run(problem: mb.Problem, controls: Array, measurements: Array) -> mb.Belief:
     """Beliefs (T,) of a run of predict and correct."""
 
     def step(
-        at: gaussians.RootBelief, data: tuple[Array, Array]
+        before: gaussians.RootBelief, data: tuple[Array, Array]
     ) -> tuple[gaussians.RootBelief, mb.Belief]:
-        after = belief.correct(problem, belief.predict(problem, at, data[0]), data[1]).posterior
+        after = belief.correct(problem, belief.predict(problem, before, data[0]), data[1]).posterior
         return after, mb.Belief(after.mean, after.cov)
 
     mean, cov = prior(problem)
@@ -73,7 +73,7 @@ def test_light_dark_equals_an_independent_kalman_filter(convention, x64, rng):
         3 * rng.normal(size=(25, 2)),
         np.array([4, 0]) + rng.normal(size=(25, 2)),
     )
-    found = run(problem, controls, measurements)
+    beliefs = run(problem, controls, measurements)
     mean, cov = np.array(problem.prior_mean), np.diag(problem.prior_std**2)
     for k, (u, y) in enumerate(zip(controls, measurements, strict=True)):
         F = np.eye(4) + model.A * dt
@@ -81,8 +81,8 @@ def test_light_dark_equals_an_independent_kalman_filter(convention, x64, rng):
         S = model.C @ cov @ model.C.T + model.intensity(mean) / dt
         K = cov @ model.C.T @ np.linalg.inv(S)
         mean, cov = mean + K @ (y - model.C @ mean), (np.eye(4) - K @ model.C) @ cov
-        np.testing.assert_allclose(found.mean[k], mean, atol=1e-10)
-        np.testing.assert_allclose(found.cov[k], cov, atol=1e-10)
+        np.testing.assert_allclose(beliefs.mean[k], mean, atol=1e-10)
+        np.testing.assert_allclose(beliefs.cov[k], cov, atol=1e-10)
 
 
 @pytest.mark.parametrize("convention", ["sample", "intensity"])
@@ -99,7 +99,7 @@ def test_a_nonlinear_system_equals_an_independent_extended_kalman_filter(convent
     )
     controls = rng.normal(size=(20, 1))
     measurements = np.stack([np.sin(np.linspace(0.8, -1, 20)), np.linspace(0, 4, 20)], axis=-1)
-    found = run(problem, controls, measurements)
+    beliefs = run(problem, controls, measurements)
     mean, cov = np.array([0.8, -0.2]), np.diag([0.09, 0.25])
     H = np.array([[0.05, 0.0], [0.1, 0.4]])
     for k, (u, y) in enumerate(zip(controls, measurements, strict=True)):
@@ -118,8 +118,8 @@ def test_a_nonlinear_system_equals_an_independent_extended_kalman_filter(convent
 
         mean, cov = reference.kalman_step(mean, cov, y, step, measure, H @ H.T * dt, noise)
         # central differences are good to 1e-10, and the filter forgets errors
-        np.testing.assert_allclose(found.mean[k], mean, atol=1e-8)
-        np.testing.assert_allclose(found.cov[k], cov, atol=1e-8)
+        np.testing.assert_allclose(beliefs.mean[k], mean, atol=1e-8)
+        np.testing.assert_allclose(beliefs.cov[k], cov, atol=1e-8)
 
 
 @quick_jit
@@ -179,5 +179,5 @@ def test_the_gain_minimises_the_covariance(x64, rng):
     np.testing.assert_allclose(moves @ moves.T, K @ S @ K.T, atol=1e-12)
     np.testing.assert_allclose(best, cov - K @ S @ K.T, atol=1e-12)
     for _ in range(10):
-        other = moved_estimator(cov, C, R_s, K + 0.1 * rng.normal(size=K.shape))
-        assert np.linalg.eigvalsh(other - best).min() >= -1e-12
+        perturbed = moved_estimator(cov, C, R_s, K + 0.1 * rng.normal(size=K.shape))
+        assert np.linalg.eigvalsh(perturbed - best).min() >= -1e-12

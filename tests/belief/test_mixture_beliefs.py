@@ -72,8 +72,10 @@ def covs_of(belief: MixtureBelief) -> Array:
 
 def charged(problem: mb.Problem, means: Any, covs: Any) -> Array:
     """q_RS of the mixture at one instant."""
-    at = (WEIGHTS, jnp.stack(means), jnp.stack(covs))
-    return mixture_risk_sensitive(problem, *at, THETA, variance_of="penalty", expectation="exact")
+    components = (WEIGHTS, jnp.stack(means), jnp.stack(covs))
+    return mixture_risk_sensitive(
+        problem, *components, THETA, variance_of="penalty", expectation="exact"
+    )
 
 
 def test_moments_are_those_of_the_whole(x64, rng):
@@ -121,12 +123,12 @@ def test_one_mode_is_one_gaussian(scalar, x64):
     single = replace(usual, prior_modes=np.zeros((1, 1)))
     np.testing.assert_array_equal(sample_prior(usual, KEY), sample_prior(single, KEY))
     u, y = jnp.array([1.0]), jnp.array([1.3])
-    exact, found = (
+    exact, computed = (
         update(problem, filter, filter.init(problem, KEY), u, y)
         for filter, problem in ((mb.EKF(), usual), (mb.MixtureFilter(), single))
     )
-    np.testing.assert_allclose(found.mean, exact.mean, rtol=1e-12)
-    np.testing.assert_allclose(found.cov, exact.cov, rtol=1e-12)
+    np.testing.assert_allclose(computed.mean, exact.mean, rtol=1e-12)
+    np.testing.assert_allclose(computed.cov, exact.cov, rtol=1e-12)
 
 
 def test_the_bank_is_bayes_rule_on_a_linear_system(x64, rng):
@@ -157,10 +159,10 @@ def test_the_bank_is_bayes_rule_on_a_linear_system(x64, rng):
     S = H @ states @ H.T + 0.09 * np.eye(steps)
     gain, logs = states @ H.T @ np.linalg.inv(S), []
     for i, mode in enumerate(modes):
-        ahead = [problem.prior_mean + mode]
+        trajectory = [problem.prior_mean + mode]
         for u in controls:
-            ahead.append(F @ ahead[-1] + dt * np.asarray(system.B) @ u)
-        expected = np.concatenate(ahead[1:])
+            trajectory.append(F @ trajectory[-1] + dt * np.asarray(system.B) @ u)
+        expected = np.concatenate(trajectory[1:])
         logs.append(
             np.log(WEIGHTS[i]) + stats.multivariate_normal(H @ expected, S).logpdf(ys[:, 0])
         )
@@ -177,13 +179,13 @@ def test_the_bank_is_bayes_rule_on_a_linear_system(x64, rng):
 
 def test_how_much_measurements_scatter_tells_modes_apart(light_dark, x64):
     """log det S, with the noise of each place: two that are as far from a measurement, in the dark and in the light."""
-    nothing = jnp.zeros((4, 4))
+    certain = jnp.zeros((4, 4))
     for p_x, sigma in ((3.0, 2 / np.sqrt(2) + 0.1), (5.0, 0.1)):
-        predicted = RootBelief(jnp.array([p_x, 1, 0, 0]), nothing)
+        predicted = RootBelief(jnp.array([p_x, 1, 0, 0]), certain)
         _, innovation, innovation_cov = correct(light_dark, predicted, jnp.array([4.0, 1.0]))
-        found = log_normal_density(innovation, innovation_cov)
+        computed = log_normal_density(innovation, innovation_cov)
         expected = stats.norm(scale=sigma).logpdf([1.0, 0.0]).sum() + np.log(2 * np.pi)
-        np.testing.assert_allclose(found, expected, rtol=1e-9)
+        np.testing.assert_allclose(computed, expected, rtol=1e-9)
 
 
 def test_weights_stay_as_they_were_where_a_measurement_is_beyond_all():
@@ -201,12 +203,12 @@ def test_expectation_variance_and_covariance_agree_with_monte_carlo(light_dark, 
     x = np.asarray(belief.means)[chosen]
     x = x + np.einsum("nij,nj->ni", np.asarray(belief.roots)[chosen], rng.normal(size=(n, 4)))
     base, penalty = (np.asarray(quick_jit(jax.vmap(f))(x)) for f in (cost.base, light_dark.penalty))
-    found = mixture_moments(light_dark, belief.weights, belief.means, covs_of(belief))
-    assert_mean(base, found.base)
-    assert_mean(penalty, found.penalty)
-    assert_mean((base - found.base) ** 2, found.base_var)
-    assert_mean((penalty - found.penalty) ** 2, found.penalty_var)
-    assert_mean((base - found.base) * (penalty - found.penalty), found.covariance)
+    computed = mixture_moments(light_dark, belief.weights, belief.means, covs_of(belief))
+    assert_mean(base, computed.base)
+    assert_mean(penalty, computed.penalty)
+    assert_mean((base - computed.base) ** 2, computed.base_var)
+    assert_mean((penalty - computed.penalty) ** 2, computed.penalty_var)
+    assert_mean((base - computed.base) * (penalty - computed.penalty), computed.covariance)
     terminal = mixture_terminal(light_dark, belief.weights, belief.means, covs_of(belief))
     assert_mean(np.asarray(quick_jit(jax.vmap(cost.terminal))(x)), terminal)
 
@@ -221,10 +223,10 @@ def test_equal_components_cost_what_one_does(variance_of, expectation, light_dar
     expected = risk_sensitive(
         light_dark, mean, cov, 0.7, variance_of=variance_of, expectation=expectation
     )
-    found = mixture_risk_sensitive(
+    computed = mixture_risk_sensitive(
         light_dark, *twice, variance_of=variance_of, expectation=expectation
     )
-    np.testing.assert_allclose(found, expected, rtol=1e-12)
+    np.testing.assert_allclose(computed, expected, rtol=1e-12)
 
 
 def test_variance_has_its_digits_in_single_precision_at_large_weights():
@@ -234,7 +236,7 @@ def test_variance_has_its_digits_in_single_precision_at_large_weights():
         np.float32
     )
     covs = np.stack([np.diag([1e-6, 1e-6, 0.1, 0.1])] * 2).astype(np.float32)
-    found = mixture_moments(problem, jnp.asarray(WEIGHTS, jnp.float32), means, covs)
+    computed = mixture_moments(problem, jnp.asarray(WEIGHTS, jnp.float32), means, covs)
     centers = np.array([[3.0, 1.0], [3.0, -1.0]])
     each = [
         reference.bump_moments(m.astype(float), S.astype(float), centers, 0.285)
@@ -242,8 +244,8 @@ def test_variance_has_its_digits_in_single_precision_at_large_weights():
     ]
     first = sum(w * e for w, (e, _) in zip(WEIGHTS, each, strict=True))
     second = sum(w * (v + e**2) for w, (e, v) in zip(WEIGHTS, each, strict=True))
-    np.testing.assert_allclose(found.penalty, 1e4 * first, rtol=1e-5)
-    np.testing.assert_allclose(found.penalty_var, 1e8 * (second - first**2), rtol=0.02)
+    np.testing.assert_allclose(computed.penalty, 1e4 * first, rtol=1e-5)
+    np.testing.assert_allclose(computed.penalty_var, 1e8 * (second - first**2), rtol=0.02)
 
 
 def test_a_gap_that_both_modes_fit_through_is_blocked_for_one_gaussian(x64):
@@ -256,19 +258,19 @@ def test_a_gap_that_both_modes_fit_through_is_blocked_for_one_gaussian(x64):
         jnp.log(jnp.full(2, 0.5)),
     )
     each = mixture_moments(problem, belief.weights, belief.means, covs_of(belief))
-    whole = mixture_moments(
+    merged = mixture_moments(
         problem, belief.weights, jnp.stack([belief.mean] * 2), jnp.stack([belief.cov] * 2)
     )
-    assert each.penalty < 1e-3 * whole.penalty
-    assert each.penalty_var < 1e-3 * whole.penalty_var
+    assert each.penalty < 1e-3 * merged.penalty
+    assert each.penalty_var < 1e-3 * merged.penalty_var
 
 
 def test_a_mixture_of_one_gives_the_control_of_one_gaussian(x64, rng):
     problem, plan = two_places(), jnp.asarray(rng.normal(size=(5, 2)))
     mean, root = prior_mixture(problem).means[0], jnp.diag(jnp.asarray(problem.prior_std))
     expected = act(problem, SMALL, mb.Belief(mean, root**2), plan)
-    found = act(problem, SMALL, MixtureBelief(mean[None], root[None], jnp.zeros(1)), plan)
-    for a, b in zip(jax.tree.leaves(found), jax.tree.leaves(expected), strict=True):
+    computed = act(problem, SMALL, MixtureBelief(mean[None], root[None], jnp.zeros(1)), plan)
+    for a, b in zip(jax.tree.leaves(computed), jax.tree.leaves(expected), strict=True):
         assert a.shape == b.shape
         np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-9)
     # and so does one that is the same twice, however it is weighted
@@ -288,10 +290,10 @@ def test_a_planner_can_be_shown_the_moments_alone(scalar, x64):
         replace(SMALL, path_cost=mb.RiskSensitive(THETA, "total")),
     )
     expected = act(problem, controller, mb.Belief(belief.mean, belief.cov), plan)
-    found = act(
+    computed = act(
         problem, replace(controller, schedule=mb.SharedCovariance(components=False)), belief, plan
     )
-    np.testing.assert_allclose(found[0], expected[0], rtol=1e-9)
+    np.testing.assert_allclose(computed[0], expected[0], rtol=1e-9)
     assert (
         abs(act(problem, controller, belief, plan)[2].nominal_cost / expected[2].nominal_cost - 1)
         > 0.01
@@ -345,11 +347,11 @@ def test_costs_may_be_charged_at_the_start_of_a_step(x64, rng):
             means
         )
 
-    found = state_costs(problem, means, covs)
+    computed = state_costs(problem, means, covs)
     first = 0.1 * charged(problem, belief.means, covs[0])
     for i in range(3):
         last = mixture_terminal(problem, WEIGHTS, jnp.asarray(means[0, :, :, i]), covs[1])
-        np.testing.assert_allclose(found[i], first + last, rtol=1e-10)
+        np.testing.assert_allclose(computed[i], first + last, rtol=1e-10)
 
 
 @pytest.mark.parametrize(

@@ -39,11 +39,11 @@ def test_quadratic_moments_equal_those_of_samples(x64, rng):
         random_spd(rng, 2),
         random_spd(rng, 2),
     )
-    found = quadratic_moments(mean, cov, centre, W)
+    computed = quadratic_moments(mean, cov, centre, W)
     values = reference.quadratic(rng.multivariate_normal(mean, cov, 200_000), centre, W)
-    assert abs(values.mean() - found[0]) < SIGMAS * values.std() / np.sqrt(len(values))
+    assert abs(values.mean() - computed[0]) < SIGMAS * values.std() / np.sqrt(len(values))
     squares = (values - values.mean()) ** 2
-    assert abs(squares.mean() - found[1]) < SIGMAS * squares.std() / np.sqrt(len(values))
+    assert abs(squares.mean() - computed[1]) < SIGMAS * squares.std() / np.sqrt(len(values))
 
 
 @pytest.mark.parametrize("n_obstacles", [1, 2, 3])
@@ -56,15 +56,15 @@ def test_bump_moments_equal_quadrature(d, n_obstacles, x64, rng):
             np.append(centers[0] + 0.3 * rng.normal(size=d), 7.0),
             spread**2 * random_spd(rng, d + 1),
         )
-        found = bump_sum_moments(mean, cov, centers, WIDTH)
+        computed = bump_sum_moments(mean, cov, centers, WIDTH)
 
         def value(x: np.ndarray, centers: np.ndarray = centers) -> np.ndarray:
             return reference.bumps(x, centers, WIDTH)
 
         expectation, _, variance, *_ = reference.covariance(value, value, mean[:d], cov[:d, :d])
-        np.testing.assert_allclose(found, [expectation, variance], rtol=1e-9)
+        np.testing.assert_allclose(computed, [expectation, variance], rtol=1e-9)
         np.testing.assert_allclose(
-            reference.bump_moments(mean, cov, centers, WIDTH), found, rtol=1e-9
+            reference.bump_moments(mean, cov, centers, WIDTH), computed, rtol=1e-9
         )
 
 
@@ -94,8 +94,8 @@ def test_quadratic_bump_covariance_equals_quadrature(n, d, n_obstacles, x64, rng
             cov,
             nodes=60,
         )
-        found = quadratic_bump_covariance(mean, cov, centre, W, centers, WIDTH)
-        np.testing.assert_allclose(found, covariance, rtol=1e-8, atol=1e-12)
+        computed = quadratic_bump_covariance(mean, cov, centre, W, centers, WIDTH)
+        np.testing.assert_allclose(computed, covariance, rtol=1e-8, atol=1e-12)
 
 
 def test_a_diagonal_weight_is_that_diagonal_matrix(x64, rng):
@@ -118,18 +118,18 @@ def test_float32_gives_five_digits_of_mean_and_variance(position, spread):
     mean, cov, centers = float32(
         position, spread**2 * np.array([[1.0, 0.4], [0.4, 0.8]]), THREE[:2, :2]
     )
-    found = bump_sum_moments(mean, cov, centers, WIDTH)
+    computed = bump_sum_moments(mean, cov, centers, WIDTH)
 
     def value(x: np.ndarray) -> np.ndarray:
         return reference.bumps(x, centers, np.float32(WIDTH).astype(np.float64))
 
     wide = [a.astype(np.float64) for a in (mean, cov)]
     expectation, _, variance, *_ = reference.covariance(value, value, *wide)
-    assert found[0].dtype == found[1].dtype == np.float32
-    np.testing.assert_allclose(found[0], expectation, rtol=1e-5)
+    assert computed[0].dtype == computed[1].dtype == np.float32
+    np.testing.assert_allclose(computed[0], expectation, rtol=1e-5)
     # half-way between two obstacles their slopes cancel: there the digits are those of the terms of the sum
     terms = sum(float(bump_sum_moments(mean, cov, centers[i : i + 1], WIDTH)[1]) for i in range(2))
-    np.testing.assert_allclose(found[1], variance, rtol=1e-5, atol=16 * EPS * terms)
+    np.testing.assert_allclose(computed[1], variance, rtol=1e-5, atol=16 * EPS * terms)
 
 
 def test_the_usual_difference_of_moments_has_no_digit_left_in_float32():
@@ -139,12 +139,12 @@ def test_the_usual_difference_of_moments_has_no_digit_left_in_float32():
     first, variance = reference.bump_moments(mean, cov, THREE[:2, :2], WIDTH)
     second = variance + first**2
     naive = w_obs**2 * np.float32(second) - (w_obs * np.float32(first)) ** 2
-    found = w_obs**2 * np.asarray(bump_sum_moments(*float32(mean, cov, THREE[:2, :2]), WIDTH)[1])
+    computed = w_obs**2 * np.asarray(bump_sum_moments(*float32(mean, cov, THREE[:2, :2]), WIDTH)[1])
     _, _, exact, *_ = reference.covariance(
         lambda x: 1e4 * reference.bumps(x, THREE[:2, :2], WIDTH), lambda x: x[:, 0], mean, cov
     )
     assert abs(naive / exact - 1) > 0.5
-    assert abs(found / exact - 1) < 1e-5
+    assert abs(computed / exact - 1) < 1e-5
 
 
 @settings(max_examples=100, deadline=None, derandomize=True)

@@ -36,9 +36,9 @@ def test_riccati_step_solves_the_riccati_equation(n, p, stable, x64, rng):
     for duration in (0.1, 0.7):
         A, Q, C, R_o = random_system(rng, n, p, stable)
         cov = random_spd(rng, n, 0.01, 3.0)
-        found = riccati_step(cov, A, Q, C, R_o, duration)
+        computed = riccati_step(cov, A, Q, C, R_o, duration)
         np.testing.assert_allclose(
-            found, reference.riccati_flow(cov, A, Q, C, R_o, duration), rtol=1e-8, atol=1e-10
+            computed, reference.riccati_flow(cov, A, Q, C, R_o, duration), rtol=1e-8, atol=1e-10
         )
 
 
@@ -80,10 +80,10 @@ def test_from_certainty_without_noise_nothing_happens():
 def test_the_scalar_steady_state_is_kept(scalar, x64):
     """What the exact tests of the controller rest on."""
     problem = scalar.problem()
-    found = gain_schedule(problem, prior(problem), jnp.zeros((10, 1)), method="riccati")
-    np.testing.assert_allclose(found.cov.ravel(), scalar.variance, rtol=1e-12)
+    computed = gain_schedule(problem, prior(problem), jnp.zeros((10, 1)), method="riccati")
+    np.testing.assert_allclose(computed.cov.ravel(), scalar.variance, rtol=1e-12)
     np.testing.assert_allclose(
-        found.diffusion.ravel(), scalar.temperature * scalar.b**2 / scalar.R, rtol=1e-12
+        computed.diffusion.ravel(), scalar.temperature * scalar.b**2 / scalar.R, rtol=1e-12
     )
 
 
@@ -102,11 +102,13 @@ def test_schedules_tend_to_the_riccati_equation_at_first_order(method, x64):
         4,
     ):  # one after the other, so that all grids share what was compiled for STEPS
         problem = light_dark_problem(**INTENSITY, dt=duration / (runs * STEPS))
-        at = mb.Belief(jnp.asarray(start), jnp.asarray(cov))
+        current = mb.Belief(jnp.asarray(start), jnp.asarray(cov))
         for _ in range(runs):
-            found = gain_schedule(problem, at, jnp.broadcast_to(u, (STEPS, 2)), method=method)
-            at = mb.Belief(found.mean[-1], found.cov[-1])
-        errors.append(np.linalg.norm(at.cov - exact))
+            computed = gain_schedule(
+                problem, current, jnp.broadcast_to(u, (STEPS, 2)), method=method
+            )
+            current = mb.Belief(computed.mean[-1], computed.cov[-1])
+        errors.append(np.linalg.norm(current.cov - exact))
     np.testing.assert_allclose(np.log2(np.array(errors[:-1]) / errors[1:]), 1, atol=0.1)
 
 
@@ -115,13 +117,13 @@ def test_the_filters_diffusion_tends_to_the_continuous_one(x64):
     errors = []
     for dt in (0.01, 0.005, 0.0025):
         problem = light_dark_problem(**INTENSITY, dt=dt)
-        at = mb.Belief(jnp.asarray(start), jnp.diag(jnp.array([0.2, 0.1, 0.05, 0.1])))
+        current = mb.Belief(jnp.asarray(start), jnp.diag(jnp.array([0.2, 0.1, 0.05, 0.1])))
         filtering, riccati = (
-            gain_schedule(problem, at, jnp.zeros((STEPS, 2)), method=m)
+            gain_schedule(problem, current, jnp.zeros((STEPS, 2)), method=m)
             for m in ("filter", "riccati")
         )
         C, R_o = np.eye(2, 4), measurement_intensity(problem, start)
-        expected = at.cov @ C.T @ np.linalg.inv(R_o) @ C @ at.cov
+        expected = current.cov @ C.T @ np.linalg.inv(R_o) @ C @ current.cov
         np.testing.assert_allclose(riccati.diffusion[0], expected, rtol=1e-12)
         np.testing.assert_allclose(
             riccati.gain[0] @ R_o @ riccati.gain[0].T, expected, rtol=1e-12, atol=1e-15
@@ -134,27 +136,29 @@ def test_the_filters_diffusion_tends_to_the_continuous_one(x64):
 def test_filter_schedule_is_the_filter_that_sees_what_it_expects(convention, x64, rng):
     problem = light_dark_problem(noise_convention=convention)
     controls = rng.normal(size=(STEPS, 2)) * 3
-    found = gain_schedule(problem, prior(problem), jnp.asarray(controls))
+    computed = gain_schedule(problem, prior(problem), jnp.asarray(controls))
     predict, correct = quick_jit(belief.predict), quick_jit(belief.correct)
-    at, dt = prior(problem), problem.dt
-    assert [part.shape for part in found] == [
+    current, dt = prior(problem), problem.dt
+    assert [part.shape for part in computed] == [
         (STEPS + 1, 4),
         (STEPS + 1, 4, 4),
         (STEPS, 4, 2),
         (STEPS, 4, 4),
     ]
     for k, u in enumerate(controls):
-        np.testing.assert_allclose(found.mean[k], at.mean, atol=1e-12)
-        np.testing.assert_allclose(found.cov[k], at.cov, atol=1e-12)
-        ahead = predict(problem, at, jnp.asarray(u))
-        at = correct(problem, ahead, problem.system.c(ahead.mean)).posterior
+        np.testing.assert_allclose(computed.mean[k], current.mean, atol=1e-12)
+        np.testing.assert_allclose(computed.cov[k], current.cov, atol=1e-12)
+        predicted = predict(problem, current, jnp.asarray(u))
+        current = correct(problem, predicted, problem.system.c(predicted.mean)).posterior
         # K (y - c) with an innovation of covariance S: the mean moves by K S K' = predicted - corrected
-        np.testing.assert_allclose(found.diffusion[k] * dt, ahead.cov - at.cov, atol=1e-12)
-        y = problem.system.c(ahead.mean) + jnp.array([1.0, 0.0])
-        moved = correct(problem, ahead, y).posterior
-        np.testing.assert_allclose(found.gain[k][:, 0], moved.mean - ahead.mean, atol=1e-12)
-        S = ahead.cov[:2, :2] + measurement_cov(problem, ahead.mean)
-        np.testing.assert_allclose(found.gain[k] @ S, ahead.cov[:, :2], atol=1e-12)
+        np.testing.assert_allclose(
+            computed.diffusion[k] * dt, predicted.cov - current.cov, atol=1e-12
+        )
+        y = problem.system.c(predicted.mean) + jnp.array([1.0, 0.0])
+        moved = correct(problem, predicted, y).posterior
+        np.testing.assert_allclose(computed.gain[k][:, 0], moved.mean - predicted.mean, atol=1e-12)
+        S = predicted.cov[:2, :2] + measurement_cov(problem, predicted.mean)
+        np.testing.assert_allclose(computed.gain[k] @ S, predicted.cov[:, :2], atol=1e-12)
 
 
 @pytest.mark.parametrize("method", ["filter", "riccati"])
@@ -183,9 +187,9 @@ def test_diffusion_factors_have_as_many_columns_as_there_are_measurements(
     eps = np.finfo(np.float64 if precise else np.float32).eps
     problem = light_dark_problem()
     controls = jnp.asarray(rng.normal(size=(STEPS, 2)) + np.array([3, 0]))
-    found = gain_schedule(problem, prior(problem), controls, method=method)
-    L, ranks = quick_jit(schedules.diffusion_factors)(found)
-    for factor, D in zip(L, found.diffusion, strict=True):
+    computed = gain_schedule(problem, prior(problem), controls, method=method)
+    L, ranks = quick_jit(schedules.diffusion_factors)(computed)
+    for factor, D in zip(L, computed.diffusion, strict=True):
         np.testing.assert_allclose(factor @ factor.T, D, atol=40 * eps * np.abs(D).max())
     np.testing.assert_array_equal(ranks, 2)
 
@@ -207,8 +211,8 @@ def test_scalar_schedule_does_not_care_for_controls(scalar: Scalar, x64, rng):
 def test_riccati_step_stays_finite_and_right_where_the_state_is_seen_very_well(
     noise, duration, driven
 ):
-    one = jnp.ones((1, 1))
-    found = riccati_step(one, 0 * one, driven * one, one, noise * one, duration)[0, 0]
+    unit = jnp.ones((1, 1))
+    computed = riccati_step(unit, 0 * unit, driven * unit, unit, noise * unit, duration)[0, 0]
     # dS/dt = q - S^2 / r from S = 1: Bernoulli for q = 0, a hyperbolic cotangent for q = 1
     settled = np.sqrt(noise)
     exact = (
@@ -216,4 +220,4 @@ def test_riccati_step_stays_finite_and_right_where_the_state_is_seen_very_well(
         if driven
         else 1 / (1 + duration / noise)
     )
-    np.testing.assert_allclose(found, exact, rtol=1e-3)
+    np.testing.assert_allclose(computed, exact, rtol=1e-3)

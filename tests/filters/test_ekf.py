@@ -48,11 +48,11 @@ def test_innovations_are_white_and_as_large_as_predicted(trial):
     """NIS: innovations of different steps are independent, so all of them add up."""
     model = reference.light_dark(sampled=True, dt=DT, slope=0.0, floor=NOISE)
     F = np.eye(4) + model.A * DT
-    ahead = trial.beliefs.mean[:, :-1] @ F.T + DT * trial.controls @ model.B.T
+    predicted = trial.beliefs.mean[:, :-1] @ F.T + DT * trial.controls @ model.B.T
     S = model.C @ (
         F @ trial.beliefs.cov[:, :-1] @ F.T + model.Q * DT
     ) @ model.C.T + NOISE**2 * np.eye(2)
-    innovations = trial.measurements - ahead @ model.C.T
+    innovations = trial.measurements - predicted @ model.C.T
     assert_chi_square(squared(innovations, S).sum(), TRIALS * STEPS * 2, 1)
     white = np.linalg.solve(np.linalg.cholesky(S), innovations[..., None])[..., 0]
     correlation = np.mean(white[:, 1:] * white[:, :-1])

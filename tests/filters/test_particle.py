@@ -24,16 +24,16 @@ SURPRISES = jnp.array(
 def measurements(problem: mb.Problem) -> jax.Array:
     """What a vehicle that starts at the prior mean and meets no noise would measure, and a little more."""
 
-    def step(x, at):
-        x = euler_step(problem.system, x, at[0], problem.dt)
-        return x, problem.system.c(x) + at[1]
+    def step(x, inputs):
+        x = euler_step(problem.system, x, inputs[0], problem.dt)
+        return x, problem.system.c(x) + inputs[1]
 
     return jax.lax.scan(step, jnp.asarray(problem.prior_mean, float), (CONTROLS, SURPRISES))[1]
 
 
 def run(problem: mb.Problem, filter: mb.Filter, key):
-    def step(belief, at):
-        k, u, y = at
+    def step(belief, inputs):
+        k, u, y = inputs
         return filter.update(problem, belief, u, y, jax.random.fold_in(key, k)), None
 
     steps = (jnp.arange(len(CONTROLS)), CONTROLS, measurements(problem))
@@ -56,22 +56,24 @@ def test_mean_and_covariance_are_kalmans_on_a_linear_system(x64, rng):
     problem = random_problem(rng)
     exact = quick_jit(lambda key: run(problem, mb.EKF(), key))(jax.random.key(0))
     keys = jax.random.split(jax.random.key(2), 40)
-    found = quick_jit(jax.vmap(lambda key: run(problem, mb.ParticleFilter(8000), key)))(keys)
+    particle_belief = quick_jit(jax.vmap(lambda key: run(problem, mb.ParticleFilter(8000), key)))(
+        keys
+    )
     # the bias of a particle estimate is O(1/K), far below the standard error of 40 of them
-    assert_mean(found.mean, exact.mean)
-    assert_mean(found.cov, exact.cov)
+    assert_mean(particle_belief.mean, exact.mean)
+    assert_mean(particle_belief.cov, exact.cov)
 
 
 def test_likelihood_is_the_normal_density_with_the_noise_of_the_place_it_is_told(x64):
     problem, likelihood = light_dark_problem(), quick_jit(measurement_log_density)
     y = jnp.array([2.0, 0.3])
     for x in (jnp.array([1.0, 0, 0, 0]), jnp.array([5.0, 0.1, 0, 0]), jnp.array([7.0, 1.0, 0, 0])):
-        for at in (x, jnp.array([6.0, 0, 0, 0])):
-            sigma = abs(float(at[0]) - 5) / np.sqrt(2) + 0.1
+        for noise_state in (x, jnp.array([6.0, 0, 0, 0])):
+            sigma = abs(float(noise_state[0]) - 5) / np.sqrt(2) + 0.1
             expected = stats.multivariate_normal(x[:2], sigma**2 * np.eye(2)).logpdf(y) + np.log(
                 2 * np.pi
             )
-            np.testing.assert_allclose(likelihood(problem, x, at, y), expected, rtol=1e-10)
+            np.testing.assert_allclose(likelihood(problem, x, noise_state, y), expected, rtol=1e-10)
 
 
 def lost_in_the_light(noise_at: str) -> tuple[np.ndarray, np.ndarray]:

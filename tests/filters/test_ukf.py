@@ -52,13 +52,13 @@ def textbook(
         system.H @ system.H.T
     )
     x, w = points(mean, cov)
-    seen = np.asarray(quick_jit(jax.vmap(system.c))(x))
-    expected = w @ seen
+    measured = np.asarray(quick_jit(jax.vmap(system.c))(x))
+    expected = w @ measured
     S = (
-        np.einsum("p,pi,pj->ij", w, seen - expected, seen - expected)
+        np.einsum("p,pi,pj->ij", w, measured - expected, measured - expected)
         + np.asarray(system.sigma_o(mean)) ** 2
     )
-    K = np.einsum("p,pi,pj->ij", w, x - mean, seen - expected) @ np.linalg.inv(S)
+    K = np.einsum("p,pi,pj->ij", w, x - mean, measured - expected) @ np.linalg.inv(S)
     return mean + K @ (y - expected), cov - K @ S @ K.T, expected, S
 
 
@@ -87,12 +87,12 @@ def test_it_is_kalmans_on_a_linear_system(x64, rng, nx):
     """With either rule: six states have that of degree 3."""
     problem = random_problem(rng, nx=nx)
     u, y = rng.normal(size=2), rng.normal(size=1)
-    found, exact = (
+    unscented, exact = (
         quick_jit(filter.update)(problem, filter.init(problem, KEY), u, y, KEY)
         for filter in (mb.UKF(), mb.EKF())
     )
-    np.testing.assert_allclose(found.mean, exact.mean, atol=1e-10)
-    np.testing.assert_allclose(found.cov, exact.cov, atol=1e-10)
+    np.testing.assert_allclose(unscented.mean, exact.mean, atol=1e-10)
+    np.testing.assert_allclose(unscented.cov, exact.cov, atol=1e-10)
 
 
 @pytest.mark.parametrize("n", range(1, 8))
@@ -122,8 +122,8 @@ def test_what_it_takes_for_noise_is_the_part_outside_the_tangent_space(x64, rng)
     fit = quick_jit(measurement_regression)(bent, RootBelief(mean, root))
     nodes = gaussian_nodes(3, 5)
     part, A = quick_jit(lambda: outside_mean_tangent(Bent().c, mean, cov, nodes))()
-    left = np.trace(fit.noise - np.eye(2))
-    np.testing.assert_allclose(left / (left + np.sum(fit.slope**2)), part, rtol=1e-9)
+    remainder = np.trace(fit.noise - np.eye(2))
+    np.testing.assert_allclose(remainder / (remainder + np.sum(fit.slope**2)), part, rtol=1e-9)
     np.testing.assert_allclose(fit.slope, root.T @ A.T, atol=1e-10)
     assert part > 0.05
 
@@ -142,12 +142,12 @@ def test_covariances_stay_semidefinite_where_some_is_known_exactly():
 def test_it_is_the_extended_filter_in_the_paper_s_system(x64):
     """Linear there; the noise that depends on the state is that at the predicted mean for both."""
     problem, u, y = light_dark_problem(), np.array([1.0, -2.0]), np.array([1.3, 0.8])
-    found, expected = (
+    unscented, expected = (
         quick_jit(filter.update)(problem, filter.init(problem, KEY), u, y, KEY)
         for filter in (mb.UKF(), mb.EKF())
     )
-    np.testing.assert_allclose(found.mean, expected.mean, atol=1e-10)
-    np.testing.assert_allclose(found.cov, expected.cov, atol=1e-10)
+    np.testing.assert_allclose(unscented.mean, expected.mean, atol=1e-10)
+    np.testing.assert_allclose(unscented.cov, expected.cov, atol=1e-10)
 
 
 def test_bearings_behind_it_are_averaged_across_the_jump(x64):

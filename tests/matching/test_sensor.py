@@ -67,7 +67,7 @@ def test_a_limit_clips_the_signal_to_noise_ratio_to_the_nearest_and_never_raises
     case = Case(1)
     free = np.linalg.solve(case.noise, case.sensor())
     U, s, Vt = np.linalg.svd(free, full_matrices=False)
-    W, limits, left = (
+    W, limits, residuals = (
         matched_weight(jnp.asarray(case.R), TEMPERATURE),
         np.geomspace(0.05, 3, 15) * s[0],
         [],
@@ -78,20 +78,22 @@ def test_a_limit_clips_the_signal_to_noise_ratio_to_the_nearest_and_never_raises
         np.testing.assert_allclose(
             np.linalg.solve(case.noise, held), nearest, rtol=1e-10, atol=1e-11
         )
-        left.append(float(residual(jnp.asarray(case.continuous(held)), jnp.asarray(case.G), W)))
-    assert np.all(np.diff(left) <= 1e-12)
-    assert left[0] > 10
-    assert left[-1] < 1e-12 < 0.1 < left[np.sum(limits < s[0]) // 2]
+        residuals.append(
+            float(residual(jnp.asarray(case.continuous(held)), jnp.asarray(case.G), W))
+        )
+    assert np.all(np.diff(residuals) <= 1e-12)
+    assert residuals[0] > 10
+    assert residuals[-1] < 1e-12 < 0.1 < residuals[np.sum(limits < s[0]) // 2]
 
 
 def test_a_covariance_that_is_used_up_is_seen_as_well_as_it_can_be(x64):
     """Sigma < lambda G R^-1 G' dt: no sensor matches, the best leaves a part LEAST_REMAINING of the variance."""
     case = Case(2)
     case.cov *= 1e-4
-    seen = case.sampled(case.sensor(DT)) * DT
+    removed = case.sampled(case.sensor(DT)) * DT
     root = np.linalg.cholesky(case.cov)
     along, _ = np.linalg.qr(np.linalg.solve(root, case.G))
-    part = along.T @ np.linalg.solve(root, np.linalg.solve(root, seen).T) @ along
+    part = along.T @ np.linalg.solve(root, np.linalg.solve(root, removed).T) @ along
     np.testing.assert_allclose(
         np.eye(NU) - part,
         LEAST_REMAINING / (1 + LEAST_REMAINING) * np.eye(NU),
@@ -102,7 +104,7 @@ def test_a_covariance_that_is_used_up_is_seen_as_well_as_it_can_be(x64):
 
 @pytest.mark.parametrize("std", [0.0, 1e-30])
 def test_what_is_known_for_certain_is_not_measured(std):
-    found = matching_sensor(
+    sensor = matching_sensor(
         jnp.diag(jnp.array([0.5, 0.5, std, 0.5])),
         jnp.eye(4)[:, 2:],
         jnp.eye(2),
@@ -110,9 +112,9 @@ def test_what_is_known_for_certain_is_not_measured(std):
         jnp.eye(2),
         DT,
     )
-    assert np.all(np.isfinite(found))
-    np.testing.assert_array_equal(np.asarray(found)[:, 2], 0)
-    assert np.abs(np.asarray(found)[:, 3]).max() > 0.1
+    assert np.all(np.isfinite(sensor))
+    np.testing.assert_array_equal(np.asarray(sensor)[:, 2], 0)
+    assert np.abs(np.asarray(sensor)[:, 3]).max() > 0.1
 
 
 def test_fewer_measurements_than_controls_are_refused():
@@ -148,8 +150,13 @@ def test_the_plant_measures_with_the_sensor_that_the_filter_and_the_plan_have(x6
     jumps = []
     for k in range(4):
         before, u = mb.Belief(trials.beliefs.mean[0, k], plan.cov[k]), trials.controls[0, k]
-        ahead, at = predict(problem, before, u).mean, aim_sensor_ahead(problem, before, u)
-        moved = ahead + plan.gain[k] @ (trials.measurements[0, k] - at.system.c(ahead))
+        predicted_mean, aimed_problem = (
+            predict(problem, before, u).mean,
+            aim_sensor_ahead(problem, before, u),
+        )
+        moved = predicted_mean + plan.gain[k] @ (
+            trials.measurements[0, k] - aimed_problem.system.c(predicted_mean)
+        )
         np.testing.assert_allclose(trials.beliefs.mean[0, k + 1], moved, rtol=1e-9, atol=1e-11)
         errors = np.asarray(trials.states[:, k + 1] - trials.beliefs.mean[:, k + 1])
         whitened = np.linalg.solve(np.linalg.cholesky(np.asarray(plan.cov[k + 1])), errors.T)

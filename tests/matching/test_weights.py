@@ -53,8 +53,8 @@ def test_no_other_weight_comes_nearer(seed, rank_D, rank_G):
         assert 0 <= least <= 1 + 1e-9
         for size in (1e-3, 0.1, 10.0):
             step = size * rng.normal(size=(NU, NU))
-            for other in (W + step, W + step + step.T, (1 + size) * W):
-                assert float(epsilon(D, G, other)) >= least - 1e-9
+            for perturbed in (W + step, W + step + step.T, (1 + size) * W):
+                assert float(epsilon(D, G, perturbed)) >= least - 1e-9
     np.testing.assert_allclose(W, W.T, atol=1e-9 * max(1, abs(W).max()))
     assert np.linalg.eigvalsh((W + W.T) / 2).min() >= -1e-9 * max(1, abs(W).max())
 
@@ -150,22 +150,25 @@ def total(D: np.ndarray, G: np.ndarray, W: np.ndarray) -> float:
 def test_no_other_constant_weight_comes_nearer(seed, steps, nx, nu):
     rng = np.random.default_rng(seed)
     D, G = schedule(rng, steps, nx, nu, rank=1)
-    found = best_constant_weight(D, G)
-    assert np.linalg.eigvalsh(found.weight).min() >= -1e-12 * np.abs(found.weight).max()
-    assert found.value == pytest.approx(total(D, G, found.weight), abs=1e-9)
-    size = np.linalg.norm(found.weight) * np.max(
+    solution = best_constant_weight(D, G)
+    assert np.linalg.eigvalsh(solution.weight).min() >= -1e-12 * np.abs(solution.weight).max()
+    assert solution.value == pytest.approx(total(D, G, solution.weight), abs=1e-9)
+    size = np.linalg.norm(solution.weight) * np.max(
         np.linalg.norm(G, axis=(1, 2)) ** 2 / np.linalg.norm(D, axis=(1, 2))
     )
-    assert found.gap == pytest.approx(
-        optimality_gap(D, G, found.weight), abs=1e-12 * steps * size**2 + 1e-12
+    assert solution.gap == pytest.approx(
+        optimality_gap(D, G, solution.weight), abs=1e-12 * steps * size**2 + 1e-12
     )
     for size in (1e-4, 1e-2, 1.0):
-        values, vectors = np.linalg.eigh(found.weight)
+        values, vectors = np.linalg.eigh(solution.weight)
         factor = vectors * np.sqrt(np.maximum(values, 0)) + size * rng.normal(size=(nu, nu))
-        other = factor @ factor.T
+        perturbed = factor @ factor.T
         # the bound holds for every weight, and is not below what the best one is better by
-        assert total(D, G, other) >= found.value - found.gap - 1e-12 * steps
-        assert optimality_gap(D, G, other) >= total(D, G, other) - found.value - 1e-9 * steps
+        assert total(D, G, perturbed) >= solution.value - solution.gap - 1e-12 * steps
+        assert (
+            optimality_gap(D, G, perturbed)
+            >= total(D, G, perturbed) - solution.value - 1e-9 * steps
+        )
 
 
 def test_the_constant_weight_of_a_turning_control_is_the_one_by_hand():
@@ -173,38 +176,38 @@ def test_the_constant_weight_of_a_turning_control_is_the_one_by_hand():
     [1 9; 9 1], which leaves nothing."""
     push = np.array([[1.0, 0.0], [0.5**0.5, 0.5**0.5], [0.0, 1.0]])[:, None, :]
     D = np.array([1.0, 10.0, 1.0])[:, None, None]
-    found = best_constant_weight(D, push)
-    np.testing.assert_allclose(found.weight, 55 / 51, rtol=1e-6)
-    assert found.value == pytest.approx(32 / 51, abs=found.gap + 1e-14)
+    solution = best_constant_weight(D, push)
+    np.testing.assert_allclose(solution.weight, 55 / 51, rtol=1e-6)
+    assert solution.value == pytest.approx(32 / 51, abs=solution.gap + 1e-14)
     assert total(D, push, np.array([[1.0, 9.0], [9.0, 1.0]])) < 1e-25
 
 
 def test_one_step_has_the_best_weight_as_its_constant_one(rng, x64):
     D = random_spd(rng, NX)
-    found = best_constant_weight(D[None], G[None])
-    np.testing.assert_allclose(found.weight, best(D, G), rtol=1e-5)
-    assert found.value == pytest.approx(float(epsilon(D, G, best(D, G))) ** 2, abs=1e-11)
+    solution = best_constant_weight(D[None], G[None])
+    np.testing.assert_allclose(solution.weight, best(D, G), rtol=1e-5)
+    assert solution.value == pytest.approx(float(epsilon(D, G, best(D, G))) ** 2, abs=1e-11)
     assert optimality_gap(D[None], G[None], best(D, G)) < 1e-13
 
 
 def test_steps_without_diffusion_are_left_out(rng):
     D, channels = schedule(rng, 5, NX, NU, rank=2)
     D[[0, 3]] = 0
-    found, without = (
+    solution, without = (
         best_constant_weight(D, channels),
         best_constant_weight(D[[1, 2, 4]], channels[[1, 2, 4]]),
     )
-    np.testing.assert_array_equal(found.weight, without.weight)
-    assert (found.value, found.steps) == (without.value, 3)
+    np.testing.assert_array_equal(solution.weight, without.weight)
+    assert (solution.value, solution.steps) == (without.value, 3)
     with pytest.raises(ValueError, match="every D_k is zero"):
         best_constant_weight(0 * D, channels)
 
 
 def test_controls_that_reach_nothing_get_no_weight(rng):
     D, channels = schedule(rng, 4, NX, NU, rank=2)
-    found = best_constant_weight(D, 0 * channels)
-    np.testing.assert_array_equal(found.weight, np.zeros((NU, NU)))
-    assert found.value == pytest.approx(4)
+    solution = best_constant_weight(D, 0 * channels)
+    np.testing.assert_array_equal(solution.weight, np.zeros((NU, NU)))
+    assert solution.value == pytest.approx(4)
     channels[..., 1] = channels[..., 0]  # two controls that do the same
     twice = best_constant_weight(D, channels)
     once = best_constant_weight(D, channels[..., :1])

@@ -30,14 +30,14 @@ def test_spd_inverse_under_any_units(n, precision, seed):
     with context():
         M = (random_spd(rng, n, 0.1, 2.0) * np.outer(units, units)).astype(dtype)
         M = np.tril(M) + np.tril(M, -1).T
-        found = np.asarray(inverse(M))
-    assert found.dtype == dtype
-    np.testing.assert_array_equal(found, found.T)
+        computed = np.asarray(inverse(M))
+    assert computed.dtype == dtype
+    np.testing.assert_array_equal(computed, computed.T)
     units = np.sqrt(np.diag(M).astype(np.float64))
     expected = np.linalg.inv(M / np.outer(units, units))
     # condition number up to 20 in the natural units; LAPACK's pivoting, used from n = 3 on, minds the units
     np.testing.assert_allclose(
-        found * np.outer(units, units), expected, atol=(60 if n < 3 else 2000) * eps(dtype)
+        computed * np.outer(units, units), expected, atol=(60 if n < 3 else 2000) * eps(dtype)
     )
 
 
@@ -51,18 +51,18 @@ def test_spd_inverse_of_a_nearly_singular_matrix_stays_definite(seed, log_condit
     rng = np.random.default_rng(seed)
     v = rng.normal(size=2)
     M = (np.outer(v, v) / (v @ v) * 10**log_condition + np.eye(2)).astype(np.float32)
-    found = np.asarray(inverse(M)).astype(np.float64)
-    assert np.all(np.diag(found) > 0)
-    assert np.linalg.det(found) >= -4 * eps(np.float32) * np.prod(np.diag(found))
+    computed = np.asarray(inverse(M)).astype(np.float64)
+    assert np.all(np.diag(computed) > 0)
+    assert np.linalg.det(computed) >= -4 * eps(np.float32) * np.prod(np.diag(computed))
 
 
 @pytest.mark.parametrize("seed", range(20))
 def test_log_det_1p_of_a_large_rank_one_matrix_is_a_number_in_float32(seed):
     v = 3e3 * np.random.default_rng(seed).normal(size=2)
-    found = linalg.log_det_1p(jnp.asarray(np.outer(v, v), dtype=jnp.float32))
+    computed = linalg.log_det_1p(jnp.asarray(np.outer(v, v), dtype=jnp.float32))
     # what rounding makes of its determinant, up to eps of the product of two entries, is all that may be added
     low, slack = np.log1p(v @ v), 4 * eps(np.float32) * np.max(v**2) ** 2
-    assert low - 1e-5 <= found <= np.log1p(v @ v + slack) + 1e-5
+    assert low - 1e-5 <= computed <= np.log1p(v @ v + slack) + 1e-5
 
 
 @pytest.mark.parametrize("n", [1, 2, 3])
@@ -100,8 +100,8 @@ def test_psd_factor_has_the_rank_of_the_matrix(n, rank, precision, rng):
         values = np.append(rng.uniform(0.1, 1, rank), np.zeros(n - rank))
         M = (scale * basis @ np.diag(values) @ basis.T).astype(dtype)
         with context():
-            L, found = (np.asarray(part) for part in factorise(M))
-        assert found == rank == np.linalg.matrix_rank(M, hermitian=True)
+            L, computed = (np.asarray(part) for part in factorise(M))
+        assert computed == rank == np.linalg.matrix_rank(M, hermitian=True)
         np.testing.assert_array_equal(L[:, rank:], 0)
         assert np.all(np.any(L[:, :rank] != 0, axis=0))
         np.testing.assert_allclose(L @ L.T, M, atol=20 * n * eps(dtype) * scale)
@@ -147,5 +147,5 @@ def test_apply_takes_rectangular_matrices_and_minus_stops_at_the_reference(x64, 
 
 def test_batches_by_vmap_keep_the_sample_as_last_axis(x64, rng):
     M, x = random_spd(rng, 3), rng.normal(size=(3, 7))
-    found = jax.vmap(lambda v: linalg.quadratic_form(M, v), in_axes=-1)(x)
-    np.testing.assert_allclose(found, np.einsum("in,ij,jn->n", x, M, x), rtol=1e-13)
+    computed = jax.vmap(lambda v: linalg.quadratic_form(M, v), in_axes=-1)(x)
+    np.testing.assert_allclose(computed, np.einsum("in,ij,jn->n", x, M, x), rtol=1e-13)

@@ -24,8 +24,8 @@ def test_every_monomial_up_to_degree_five_is_exact(n):
     for degree in range(6):
         for factors in combinations_with_replacement(range(n), degree):
             powers = np.bincount(factors, minlength=n)
-            found = weights @ np.prod(points**powers, axis=1)
-            assert found == pytest.approx(normal_moment(powers), abs=1e-12), powers
+            computed = weights @ np.prod(points**powers, axis=1)
+            assert computed == pytest.approx(normal_moment(powers), abs=1e-12), powers
 
 
 @pytest.mark.parametrize("n", [2, 4])

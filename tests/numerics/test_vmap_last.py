@@ -94,19 +94,19 @@ def test_a_step_of_the_dynamics_moves_no_sample_to_another_axis():
 
 @pytest.mark.parametrize("over_samples", [vmap_last, vmap_scalarized])
 def test_the_number_of_samples_must_agree(over_samples):
-    for other in (6, 1):
+    for samples in (6, 1):
         with pytest.raises(ValueError, match="number of samples"):
             over_samples(lambda x, u: x + u[0], (True, True))(
-                jnp.ones((4, 5)), jnp.ones((2, other))
+                jnp.ones((4, 5)), jnp.ones((2, samples))
             )
 
 
 @pytest.mark.parametrize("over_samples", [vmap_last, vmap_scalarized])
 def test_a_product_has_the_type_asked_for(over_samples):
     a = jnp.full((4, 3), 100, jnp.int8)
-    found = over_samples(lambda a: jnp.dot(a, a, preferred_element_type=jnp.int32), [True])(a)
-    assert found.dtype == jnp.int32
-    np.testing.assert_array_equal(found, 40_000)
+    computed = over_samples(lambda a: jnp.dot(a, a, preferred_element_type=jnp.int32), [True])(a)
+    assert computed.dtype == jnp.int32
+    np.testing.assert_array_equal(computed, 40_000)
 
 
 def test_a_filter_step_becomes_vectors_and_multiplies_with_nothing_that_is_known():
@@ -123,10 +123,12 @@ def test_a_filter_step_becomes_vectors_and_multiplies_with_nothing_that_is_known
 
 
 def test_what_is_known_to_be_nothing_takes_nothing_along():
-    found = vmap_scalarized(lambda x: jnp.diag(x) @ jnp.ones(2), (True,))(
+    computed = vmap_scalarized(lambda x: jnp.diag(x) @ jnp.ones(2), (True,))(
         jnp.array([[jnp.inf], [1.0]])
     )
-    np.testing.assert_array_equal(found, [[jnp.inf], [1.0]])  # 0 times infinity would be no number
+    np.testing.assert_array_equal(
+        computed, [[jnp.inf], [1.0]]
+    )  # 0 times infinity would be no number
 
 
 def test_large_matrices_are_left_to_the_other_map():
