@@ -79,7 +79,7 @@ def plain_problem(cost: mb.Cost, **problem) -> mb.Problem:
 
 
 class Scalar(NamedTuple):
-    """The scalar system of Remark 2 at the filter's steady state, R such that D = lambda b^2 / R."""
+    """Holds the scalar system of Remark 2 at its steady state, with D = lambda b^2 / R."""
 
     a: float = 0.3
     b: float = 0.8

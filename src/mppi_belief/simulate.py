@@ -54,7 +54,7 @@ def closed_loop(
     trial: Array | int,
     select: Callable[[Any], Any],
 ) -> tuple[Trial, Any]:
-    """Runs one trial and keeps what `select` returns of each step's diagnostics, stacked over steps."""
+    """Runs one trial and stacks what `select` returns of each step's diagnostics."""
     plant_key, filter_key, planner_key = (
         role_key(seed, trial, role) for role in (PLANT, FILTER, PLANNER)
     )
@@ -83,7 +83,7 @@ def closed_loop(
 
 
 def controller_belief(controller: Controller, belief: Any, x: Array) -> Any:
-    """Returns the belief that a controller plans from: the filter's or, for an oracle, the true state.
+    """Returns the belief that a controller plans from: the filter's, or that of an oracle.
 
     An oracle (`sees_state`) gets a belief at x (nx,) without any uncertainty.
     """

@@ -56,13 +56,16 @@ class Oracle(Quartic):
 
 
 def test_a_cost_without_closed_form_is_integrated(x64):
-    cost, m, S = Quartic(np.eye(2)), np.array([0.5, -1.0]), np.array([[0.4, 0.1], [0.1, 0.2]])
+    cost = Quartic(np.eye(2))
+    m = np.array([0.5, -1.0])
+    S = np.array([[0.4, 0.1], [0.1, 0.2]])
     assert isinstance(cost, Cost)
     assert not isinstance(cost, ClosedFormCost)
     problem = plain_problem(cost)
     found = running_moments(problem, m, S)
     # Isserlis' theorem; all of these are of degree four at most, so the rule is exact
-    W, V = np.eye(2), np.array([[0, 0.5], [0.5, 0]])
+    W = np.eye(2)
+    V = np.array([[0, 0.5], [0.5, 0]])
     np.testing.assert_allclose(found.base, m @ m + np.trace(S), rtol=1e-12)
     np.testing.assert_allclose(found.penalty, m[0] * m[1] + S[0, 1], rtol=1e-12)
     for value, (A, B) in (
@@ -80,7 +83,9 @@ def test_a_cost_without_closed_form_is_integrated(x64):
 
 
 def test_a_cost_that_knows_its_moments_is_asked():
-    cost, m, S = Oracle(np.eye(2)), jnp.ones(2), jnp.eye(2)
+    cost = Oracle(np.eye(2))
+    m = jnp.ones(2)
+    S = jnp.eye(2)
     assert isinstance(cost, ClosedFormCost)
     problem = plain_problem(cost)
     moments = belief_cost.running_moments(problem, m, S)
@@ -142,7 +147,8 @@ def test_the_penalty_expected_at_the_mean_is_its_value_there_and_nothing_else_ch
     risk, light_dark, x64, rng
 ):
     cov = 0.05 * random_spd(rng, 4)
-    m, there = running_moments(light_dark, MEAN, cov), float(light_dark.penalty(jnp.asarray(MEAN)))
+    m = running_moments(light_dark, MEAN, cov)
+    there = float(light_dark.penalty(jnp.asarray(MEAN)))
     variance = m.penalty_var if risk == "penalty" else m.base_var + 2 * m.covariance + m.penalty_var
     assert abs(m.penalty - there) > 1
     for theta in (0.0, 0.5, 5.0):
@@ -202,7 +208,8 @@ def test_a_planner_without_risk_aversion_that_expects_at_the_mean_is_ce_mppi(lig
 def test_risk_sensitive_cost_is_the_start_of_the_entropic_one(x64):
     """log E exp(theta q) / theta = E q + theta / 2 Var q + O(theta^2), here for q = |x|^2 / 2 in closed form."""
     problem = plain_problem(mb.GoalObstacleCost([0.0], [1.0], [1.0], [1.0]))
-    m, s = 0.7, 0.4
+    m = 0.7
+    s = 0.4
     remainders = []
     for theta in (1e-2, 5e-3):
         entropic = (m**2 * theta / (2 * (1 - theta * s)) - 0.5 * np.log(1 - theta * s)) / theta

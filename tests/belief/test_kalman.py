@@ -1,4 +1,4 @@
-"""One step of the filter: against an independent Kalman filter, and as a covariance in floating point."""
+"""One step of the filter: an independent Kalman filter, and covariances in floating point."""
 
 from contextlib import nullcontext
 
@@ -23,7 +23,7 @@ PRECISIONS = {"float32": (nullcontext, np.float32), "float64": (float64, np.floa
 
 @mb.struct
 class Pendulum:
-    """Angle and rate, a torque through a lever that turns with it, the height of the bob measured."""
+    """Has an angle and a rate, a torque through a turning lever, and nonlinear measurements."""
 
     damping: float = mb.number(0.3)
 
@@ -67,20 +67,22 @@ def test_prior_is_the_problems(light_dark, x64):
 
 @pytest.mark.parametrize("convention", ["sample", "intensity"])
 def test_light_dark_equals_an_independent_kalman_filter(convention, x64, rng):
-    problem, dt = light_dark_problem(noise_convention=convention), 0.1
+    problem = light_dark_problem(noise_convention=convention)
+    dt = 0.1
     model = reference.light_dark(sampled=convention == "sample", dt=dt)
-    controls, measurements = (
-        3 * rng.normal(size=(25, 2)),
-        np.array([4, 0]) + rng.normal(size=(25, 2)),
-    )
+    controls = 3 * rng.normal(size=(25, 2))
+    measurements = np.array([4, 0]) + rng.normal(size=(25, 2))
     beliefs = run(problem, controls, measurements)
-    mean, cov = np.array(problem.prior_mean), np.diag(problem.prior_std**2)
+    mean = np.array(problem.prior_mean)
+    cov = np.diag(problem.prior_std**2)
     for k, (u, y) in enumerate(zip(controls, measurements, strict=True)):
         F = np.eye(4) + model.A * dt
-        mean, cov = F @ mean + model.B @ u * dt, F @ cov @ F.T + model.Q * dt
+        mean = F @ mean + model.B @ u * dt
+        cov = F @ cov @ F.T + model.Q * dt
         S = model.C @ cov @ model.C.T + model.intensity(mean) / dt
         K = cov @ model.C.T @ np.linalg.inv(S)
-        mean, cov = mean + K @ (y - model.C @ mean), (np.eye(4) - K @ model.C) @ cov
+        mean = mean + K @ (y - model.C @ mean)
+        cov = (np.eye(4) - K @ model.C) @ cov
         np.testing.assert_allclose(beliefs.mean[k], mean, atol=1e-10)
         np.testing.assert_allclose(beliefs.cov[k], cov, atol=1e-10)
 
@@ -100,7 +102,8 @@ def test_a_nonlinear_system_equals_an_independent_extended_kalman_filter(convent
     controls = rng.normal(size=(20, 1))
     measurements = np.stack([np.sin(np.linspace(0.8, -1, 20)), np.linspace(0, 4, 20)], axis=-1)
     beliefs = run(problem, controls, measurements)
-    mean, cov = np.array([0.8, -0.2]), np.diag([0.09, 0.25])
+    mean = np.array([0.8, -0.2])
+    cov = np.diag([0.09, 0.25])
     H = np.array([[0.05, 0.0], [0.1, 0.4]])
     for k, (u, y) in enumerate(zip(controls, measurements, strict=True)):
 
@@ -144,11 +147,14 @@ def test_a_measured_covariance_is_symmetric_psd_on_its_own_scale_and_no_larger(
     rng = np.random.default_rng(seed)
     root = rng.normal(size=(n, min(rank, n))) * 10 ** (log_cov / 2)
     sigma = (np.eye(p) + 0.3 * rng.uniform(-1, 1, size=(p, p))) * 10 ** (log_noise / 2)
-    cov, R_s, C = root @ root.T, sigma @ sigma.T, rng.normal(size=(p, n))
+    cov = root @ root.T
+    R_s = sigma @ sigma.T
+    C = rng.normal(size=(p, n))
     with context():
         after = np.asarray(update(*(jnp.asarray(M, dtype=dtype) for M in (cov, C, R_s)))[0])
     np.testing.assert_array_equal(after, after.T)
-    eps, after = float(np.finfo(dtype).eps), after.astype(np.float64)
+    eps = float(np.finfo(dtype).eps)
+    after = after.astype(np.float64)
     assert np.linalg.eigvalsh(after).min() >= -4 * n * eps * np.linalg.norm(after, 2)
     assert np.linalg.eigvalsh(cov - after).min() >= -50 * eps * np.linalg.norm(cov, 2)
     # against double precision: as far off as the rounding of the prior and of R_s makes it
@@ -167,11 +173,9 @@ def moved_estimator(cov: Array, C: Array, R_s: Array, K: Array) -> Array:
 
 
 def test_the_gain_minimises_the_covariance(x64, rng):
-    root, C, R_s = (
-        rng.normal(size=(3, 3)),
-        rng.normal(size=(2, 3)),
-        np.array([[0.3, 0.1], [0.1, 0.9]]),
-    )
+    root = rng.normal(size=(3, 3))
+    C = rng.normal(size=(2, 3))
+    R_s = np.array([[0.3, 0.1], [0.1, 0.9]])
     cov = root @ root.T
     best, K, moves = update(cov, C, R_s)
     S = C @ cov @ C.T + R_s

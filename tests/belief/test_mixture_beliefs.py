@@ -1,4 +1,4 @@
-"""A belief with several modes: the prior, the bank of filters, its moments and costs, and the planner on it."""
+"""A belief with several modes: prior, bank of filters, moments, costs, and planning."""
 
 from dataclasses import replace
 from typing import Any
@@ -122,7 +122,8 @@ def test_one_mode_is_one_gaussian(scalar, x64):
     usual = scalar.problem()
     single = replace(usual, prior_modes=np.zeros((1, 1)))
     np.testing.assert_array_equal(sample_prior(usual, KEY), sample_prior(single, KEY))
-    u, y = jnp.array([1.0]), jnp.array([1.3])
+    u = jnp.array([1.0])
+    y = jnp.array([1.3])
     exact, computed = (
         update(problem, filter, filter.init(problem, KEY), u, y)
         for filter, problem in ((mb.EKF(), usual), (mb.MixtureFilter(), single))
@@ -132,32 +133,36 @@ def test_one_mode_is_one_gaussian(scalar, x64):
 
 
 def test_the_bank_is_bayes_rule_on_a_linear_system(x64, rng):
-    """Against all measurements at once: a Gaussian vector for each mode, of which no recursion is made."""
-    modes, steps = rng.normal(size=(2, 3)), 4
+    """Compares with all measurements at once: one Gaussian vector per mode, no recursion."""
+    modes = rng.normal(size=(2, 3))
+    steps = 4
     problem = replace(
         random_problem(rng), prior_modes=modes, prior_weights=WEIGHTS, prior_std=np.full(3, 0.4)
     )
-    system, dt = problem.system, problem.dt
-    F, C, Q = (
-        np.eye(3) + dt * system.A,
-        np.asarray(system.C),
-        dt * system.channel @ system.channel.T,
-    )
-    controls, ys = rng.normal(size=(steps, 2)), rng.normal(size=(steps, 1))
+    system = problem.system
+    dt = problem.dt
+    F = np.eye(3) + dt * system.A
+    C = np.asarray(system.C)
+    Q = dt * system.channel @ system.channel.T
+    controls = rng.normal(size=(steps, 2))
+    ys = rng.normal(size=(steps, 1))
     belief = mb.MixtureFilter().init(problem, KEY)
     for u, y in zip(controls, ys, strict=True):
         belief = update(problem, mb.MixtureFilter(), belief, u, y)
 
     # x_1..x_n in terms of x_0 and the noises of every step
-    powers, none = [np.linalg.matrix_power(F, k) for k in range(steps + 1)], np.zeros((3, 3))
+    powers = [np.linalg.matrix_power(F, k) for k in range(steps + 1)]
+    none = np.zeros((3, 3))
     lift = np.block(
         [[powers[k - j] if j <= k else none for j in range(steps + 1)] for k in range(1, steps + 1)]
     )
     noises = np.kron(np.eye(steps + 1), Q)
     noises[:3, :3] = np.diag(problem.prior_std**2)
-    states, H = lift @ noises @ lift.T, np.kron(np.eye(steps), C)
+    states = lift @ noises @ lift.T
+    H = np.kron(np.eye(steps), C)
     S = H @ states @ H.T + 0.09 * np.eye(steps)
-    gain, logs = states @ H.T @ np.linalg.inv(S), []
+    gain = states @ H.T @ np.linalg.inv(S)
+    logs = []
     for i, mode in enumerate(modes):
         trajectory = [problem.prior_mean + mode]
         for u in controls:
@@ -178,7 +183,7 @@ def test_the_bank_is_bayes_rule_on_a_linear_system(x64, rng):
 
 
 def test_how_much_measurements_scatter_tells_modes_apart(light_dark, x64):
-    """log det S, with the noise of each place: two that are as far from a measurement, in the dark and in the light."""
+    """log det S counts: compares modes equally far from a measurement, in dark and light."""
     certain = jnp.zeros((4, 4))
     for p_x, sigma in ((3.0, 2 / np.sqrt(2) + 0.1), (5.0, 0.1)):
         predicted = RootBelief(jnp.array([p_x, 1, 0, 0]), certain)
@@ -198,7 +203,9 @@ def test_weights_stay_as_they_were_where_a_measurement_is_beyond_all():
 
 
 def test_expectation_variance_and_covariance_agree_with_monte_carlo(light_dark, x64, rng):
-    belief, cost, n = mixture(rng), light_dark.cost, 100_000
+    belief = mixture(rng)
+    cost = light_dark.cost
+    n = 100_000
     chosen = rng.choice(2, size=n, p=WEIGHTS)
     x = np.asarray(belief.means)[chosen]
     x = x + np.einsum("nij,nj->ni", np.asarray(belief.roots)[chosen], rng.normal(size=(n, 4)))
@@ -218,7 +225,8 @@ def test_expectation_variance_and_covariance_agree_with_monte_carlo(light_dark, 
 )
 def test_equal_components_cost_what_one_does(variance_of, expectation, light_dark, x64, rng):
     belief = mixture(rng)
-    mean, cov = belief.means[0], covs_of(belief)[0]
+    mean = belief.means[0]
+    cov = covs_of(belief)[0]
     twice = (WEIGHTS, jnp.stack([mean] * 2), jnp.stack([cov] * 2), 0.7)
     expected = risk_sensitive(
         light_dark, mean, cov, 0.7, variance_of=variance_of, expectation=expectation
@@ -266,8 +274,10 @@ def test_a_gap_that_both_modes_fit_through_is_blocked_for_one_gaussian(x64):
 
 
 def test_a_mixture_of_one_gives_the_control_of_one_gaussian(x64, rng):
-    problem, plan = two_places(), jnp.asarray(rng.normal(size=(5, 2)))
-    mean, root = prior_mixture(problem).means[0], jnp.diag(jnp.asarray(problem.prior_std))
+    problem = two_places()
+    plan = jnp.asarray(rng.normal(size=(5, 2)))
+    mean = prior_mixture(problem).means[0]
+    root = jnp.diag(jnp.asarray(problem.prior_std))
     expected = act(problem, SMALL, mb.Belief(mean, root**2), plan)
     computed = act(problem, SMALL, MixtureBelief(mean[None], root[None], jnp.zeros(1)), plan)
     for a, b in zip(jax.tree.leaves(computed), jax.tree.leaves(expected), strict=True):
@@ -284,11 +294,9 @@ def test_a_mixture_of_one_gives_the_control_of_one_gaussian(x64, rng):
 
 def test_a_planner_can_be_shown_the_moments_alone(scalar, x64):
     problem = replace(scalar.problem(), prior_modes=[[1.0], [-2.0]], prior_weights=WEIGHTS)
-    belief, plan, controller = (
-        prior_mixture(problem),
-        jnp.full((5, 1), 0.3),
-        replace(SMALL, path_cost=mb.RiskSensitive(THETA, "total")),
-    )
+    belief = prior_mixture(problem)
+    plan = jnp.full((5, 1), 0.3)
+    controller = replace(SMALL, path_cost=mb.RiskSensitive(THETA, "total"))
     expected = act(problem, controller, mb.Belief(belief.mean, belief.cov), plan)
     computed = act(
         problem, replace(controller, schedule=mb.SharedCovariance(components=False)), belief, plan
@@ -302,13 +310,12 @@ def test_a_planner_can_be_shown_the_moments_alone(scalar, x64):
 
 def test_every_component_follows_the_same_controls_with_its_own_schedule(x64, rng):
     """Step by step, the covariances by the filter's recursion in plain form."""
-    problem, plan, model = (
-        two_places(),
-        rng.normal(size=(5, 2)),
-        reference.light_dark(sampled=True, dt=0.1),
-    )
+    problem = two_places()
+    plan = rng.normal(size=(5, 2))
+    model = reference.light_dark(sampled=True, dt=0.1)
     _, _, info = act(problem, SMALL, prior_mixture(problem), jnp.asarray(plan))
-    means, covs = [problem.prior_mean + mode for mode in MODES], [np.diag(problem.prior_std**2)] * 2
+    means = [problem.prior_mean + mode for mode in MODES]
+    covs = [np.diag(problem.prior_std**2)] * 2
     total = 0.0
     for u in plan:
         for i in range(2):
@@ -335,8 +342,10 @@ def test_every_component_follows_the_same_controls_with_its_own_schedule(x64, rn
 
 
 def test_costs_may_be_charged_at_the_start_of_a_step(x64, rng):
-    problem, belief = two_places(), mixture(rng)
-    means, covs = rng.normal(size=(1, 2, 4, 3)), jnp.stack([covs_of(belief), 2 * covs_of(belief)])
+    problem = two_places()
+    belief = mixture(rng)
+    means = rng.normal(size=(1, 2, 4, 3))
+    covs = jnp.stack([covs_of(belief), 2 * covs_of(belief)])
     at_start = mb.RiskSensitive(THETA, at_step_end=False)
 
     @quick_jit

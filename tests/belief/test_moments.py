@@ -1,4 +1,4 @@
-"""Closed-form Gaussian moments against quadrature, Monte Carlo, textbook formulas and the limits of float32."""
+"""Closed-form moments against quadrature, Monte Carlo, textbook formulas, and in float32."""
 
 import jax
 import jax.numpy as jnp
@@ -23,8 +23,10 @@ quadratic_bump_covariance = quick_jit(moments.quadratic_bump_covariance)
 @pytest.mark.parametrize("diagonal", [True, False])
 def test_quadratic_moments_are_the_trace_formulas(diagonal, x64, rng):
     mean, centre = rng.normal(size=(2, 4))
-    cov, weight = random_spd(rng, 4), rng.uniform(0, 2, 4) if diagonal else random_spd(rng, 4)
-    W, d = np.diag(weight) if diagonal else weight, mean - centre
+    cov = random_spd(rng, 4)
+    weight = rng.uniform(0, 2, 4) if diagonal else random_spd(rng, 4)
+    W = np.diag(weight) if diagonal else weight
+    d = mean - centre
     expectation, variance = quadratic_moments(mean, cov, centre, weight)
     np.testing.assert_allclose(expectation, 0.5 * d @ W @ d + 0.5 * np.trace(W @ cov), rtol=1e-12)
     np.testing.assert_allclose(
@@ -33,12 +35,10 @@ def test_quadratic_moments_are_the_trace_formulas(diagonal, x64, rng):
 
 
 def test_quadratic_moments_equal_those_of_samples(x64, rng):
-    mean, centre, cov, W = (
-        np.array([1.0, -0.5]),
-        np.array([0.2, 0.1]),
-        random_spd(rng, 2),
-        random_spd(rng, 2),
-    )
+    mean = np.array([1.0, -0.5])
+    centre = np.array([0.2, 0.1])
+    cov = random_spd(rng, 2)
+    W = random_spd(rng, 2)
     computed = quadratic_moments(mean, cov, centre, W)
     values = reference.quadratic(rng.multivariate_normal(mean, cov, 200_000), centre, W)
     assert abs(values.mean() - computed[0]) < SIGMAS * values.std() / np.sqrt(len(values))
@@ -52,10 +52,8 @@ def test_bump_moments_equal_quadrature(d, n_obstacles, x64, rng):
     """From a covariance much smaller to one much larger than the bump, correlated."""
     centers = THREE[:n_obstacles, :d]
     for spread in (0.03, 0.3, 1.0):
-        mean, cov = (
-            np.append(centers[0] + 0.3 * rng.normal(size=d), 7.0),
-            spread**2 * random_spd(rng, d + 1),
-        )
+        mean = np.append(centers[0] + 0.3 * rng.normal(size=d), 7.0)
+        cov = spread**2 * random_spd(rng, d + 1)
         computed = bump_sum_moments(mean, cov, centers, WIDTH)
 
         def value(x: np.ndarray, centers: np.ndarray = centers) -> np.ndarray:
@@ -69,7 +67,8 @@ def test_bump_moments_equal_quadrature(d, n_obstacles, x64, rng):
 
 
 def test_bump_moments_in_space(x64, rng):
-    mean, cov = THREE[1] + 0.2, 0.2**2 * random_spd(rng, 3)
+    mean = THREE[1] + 0.2
+    cov = 0.2**2 * random_spd(rng, 3)
 
     def value(x: np.ndarray) -> np.ndarray:
         return reference.bumps(x, THREE, WIDTH)
@@ -83,7 +82,9 @@ def test_bump_moments_in_space(x64, rng):
 @pytest.mark.parametrize("n_obstacles", [1, 3])
 @pytest.mark.parametrize(("n", "d"), [(1, 1), (2, 1), (2, 2), (3, 2)])
 def test_quadratic_bump_covariance_equals_quadrature(n, d, n_obstacles, x64, rng):
-    centers, centre, W = THREE[:n_obstacles, :d], np.array([7.0, 0.0, 0.5])[:n], random_spd(rng, n)
+    centers = THREE[:n_obstacles, :d]
+    centre = np.array([7.0, 0.0, 0.5])[:n]
+    W = random_spd(rng, n)
     for spread in (0.05, 0.4):
         mean = np.append(centers[0], 0.5)[:n] + 0.3 * rng.normal(size=n)
         cov = spread**2 * random_spd(rng, n)
@@ -99,7 +100,9 @@ def test_quadratic_bump_covariance_equals_quadrature(n, d, n_obstacles, x64, rng
 
 
 def test_a_diagonal_weight_is_that_diagonal_matrix(x64, rng):
-    mean, cov, weight = THREE[0], 0.1 * random_spd(rng, 3), rng.uniform(0, 2, 3)
+    mean = THREE[0]
+    cov = 0.1 * random_spd(rng, 3)
+    weight = rng.uniform(0, 2, 3)
     full, short = (
         quadratic_bump_covariance(mean, cov, jnp.zeros(3), W, THREE[:, :2], WIDTH)
         for W in (np.diag(weight), weight)
@@ -114,7 +117,7 @@ def float32(*arrays: np.ndarray) -> list[np.ndarray]:
 @pytest.mark.parametrize("spread", [1e-5, 1e-3, 0.1, 0.3, 1.0])
 @pytest.mark.parametrize("position", [[2.5, 0.7], [3.0, 1.0], [3.0, 0.0], [1.5, 1.0]])
 def test_float32_gives_five_digits_of_mean_and_variance(position, spread):
-    """Errors of the inputs' last digit are magnified by the exponent |d|^2 / (2 l^2), here up to 14."""
+    """Errors of the inputs' last digit grow by the exponent |d|^2 / (2 l^2), here up to 14."""
     mean, cov, centers = float32(
         position, spread**2 * np.array([[1.0, 0.4], [0.4, 0.8]]), THREE[:2, :2]
     )
@@ -127,14 +130,15 @@ def test_float32_gives_five_digits_of_mean_and_variance(position, spread):
     expectation, _, variance, *_ = reference.covariance(value, value, *wide)
     assert computed[0].dtype == computed[1].dtype == np.float32
     np.testing.assert_allclose(computed[0], expectation, rtol=1e-5)
-    # half-way between two obstacles their slopes cancel: there the digits are those of the terms of the sum
+    # Half-way between two obstacles their gradients cancel: the digits are those of the terms.
     terms = sum(float(bump_sum_moments(mean, cov, centers[i : i + 1], WIDTH)[1]) for i in range(2))
     np.testing.assert_allclose(computed[1], variance, rtol=1e-5, atol=16 * EPS * terms)
 
 
 def test_the_usual_difference_of_moments_has_no_digit_left_in_float32():
-    """What the closed form avoids: even correctly rounded E[q^2] and E[q]^2 leave nothing of a small variance."""
-    mean, cov = np.array([2.5, 0.7]), 1e-5**2 * np.eye(2)
+    """The closed form avoids this: rounded E[q^2] - E[q]^2 has no digit of a small variance."""
+    mean = np.array([2.5, 0.7])
+    cov = 1e-5**2 * np.eye(2)
     w_obs = np.float32(1e4)
     first, variance = reference.bump_moments(mean, cov, THREE[:2, :2], WIDTH)
     second = variance + first**2
@@ -173,7 +177,8 @@ def test_variances_are_finite_and_not_negative_in_float32(seed, log_spread, log_
 @pytest.mark.parametrize("spread", [0.0, 1e-3, 1.0, 1e3])
 def test_far_from_the_obstacles_all_moments_vanish_without_overflow(distance, spread):
     mean, cov = float32([distance, -distance], spread**2 * np.eye(2))
-    centers, weight = THREE[:2, :2], np.ones(2)
+    centers = THREE[:2, :2]
+    weight = np.ones(2)
     expectation, variance = bump_sum_moments(mean, cov, centers, WIDTH)
     covariance = quadratic_bump_covariance(mean, cov, np.zeros(2), weight, centers, WIDTH)
     assert np.all(np.isfinite([expectation, variance, covariance]))
@@ -207,7 +212,8 @@ def test_bump_sum_is_one_at_a_lonely_centre_and_zero_without_centres():
 
 def test_components_and_batches_agree_with_whole_vectors(x64, rng):
     """Planning maps these over samples by vmap and hands over the mean by components."""
-    means, cov = rng.normal(size=(3, 5)) + THREE[0][:, None], 0.05 * random_spd(rng, 3)
+    means = rng.normal(size=(3, 5)) + THREE[0][:, None]
+    cov = 0.05 * random_spd(rng, 3)
     batched = quick_jit(jax.vmap(moments.bump_sum_moments, in_axes=(-1, None, None, None)))(
         means, cov, THREE[:, :2], WIDTH
     )

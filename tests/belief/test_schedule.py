@@ -1,4 +1,4 @@
-"""The Riccati equation and the gain schedule: against SciPy's integrator, as fixed points, and as dt goes to 0."""
+"""The Riccati equation and the gain schedule: SciPy's integrator, fixed points, small steps."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -57,7 +57,8 @@ def test_the_algebraic_solution_stands_still(n, p, stable, x64, rng):
 
 def test_riccati_rate_is_the_derivative_of_the_flow(x64, rng):
     A, Q, C, R_o = random_system(rng, 4, 2, stable=True)
-    cov, h = random_spd(rng, 4), 1e-6
+    cov = random_spd(rng, 4)
+    h = 1e-6
     slope = (
         4 * riccati_step(cov, A, Q, C, R_o, h) - riccati_step(cov, A, Q, C, R_o, 2 * h) - 3 * cov
     ) / (2 * h)
@@ -73,7 +74,8 @@ def test_two_half_steps_make_one(n, p, x64, rng):
 
 
 def test_from_certainty_without_noise_nothing_happens():
-    zero, eye = jnp.zeros((2, 2)), jnp.eye(2)
+    zero = jnp.zeros((2, 2))
+    eye = jnp.eye(2)
     np.testing.assert_array_equal(riccati_step(zero, eye, zero, eye, eye, 0.1), 0)
 
 
@@ -89,8 +91,10 @@ def test_the_scalar_steady_state_is_kept(scalar, x64):
 
 @pytest.mark.parametrize("method", ["filter", "riccati"])
 def test_schedules_tend_to_the_riccati_equation_at_first_order(method, x64):
-    """The noise varies along the way, which stays on one side of the light: at its kink the order is lost."""
-    start, u, duration = np.array([3.0, 0.5, 1.0, -0.5]), np.array([1.0, 0.5]), 1.0
+    """The noise varies along the path, on one side of the light; its kink would lose the order."""
+    start = np.array([3.0, 0.5, 1.0, -0.5])
+    u = np.array([1.0, 0.5])
+    duration = 1.0
     cov = np.diag([0.2, 0.1, 0.05, 0.1])
     exact = reference.belief_flow(
         reference.light_dark(sampled=False, dt=0.0), start, cov, u, duration
@@ -122,7 +126,8 @@ def test_the_filters_diffusion_tends_to_the_continuous_one(x64):
             gain_schedule(problem, current, jnp.zeros((STEPS, 2)), method=m)
             for m in ("filter", "riccati")
         )
-        C, R_o = np.eye(2, 4), measurement_intensity(problem, start)
+        C = np.eye(2, 4)
+        R_o = measurement_intensity(problem, start)
         expected = current.cov @ C.T @ np.linalg.inv(R_o) @ C @ current.cov
         np.testing.assert_allclose(riccati.diffusion[0], expected, rtol=1e-12)
         np.testing.assert_allclose(
@@ -137,8 +142,10 @@ def test_filter_schedule_is_the_filter_that_sees_what_it_expects(convention, x64
     problem = light_dark_problem(noise_convention=convention)
     controls = rng.normal(size=(STEPS, 2)) * 3
     computed = gain_schedule(problem, prior(problem), jnp.asarray(controls))
-    predict, correct = quick_jit(belief.predict), quick_jit(belief.correct)
-    current, dt = prior(problem), problem.dt
+    predict = quick_jit(belief.predict)
+    correct = quick_jit(belief.correct)
+    current = prior(problem)
+    dt = problem.dt
     assert [part.shape for part in computed] == [
         (STEPS + 1, 4),
         (STEPS + 1, 4, 4),
@@ -150,7 +157,7 @@ def test_filter_schedule_is_the_filter_that_sees_what_it_expects(convention, x64
         np.testing.assert_allclose(computed.cov[k], current.cov, atol=1e-12)
         predicted = predict(problem, current, jnp.asarray(u))
         current = correct(problem, predicted, problem.system.c(predicted.mean)).posterior
-        # K (y - c) with an innovation of covariance S: the mean moves by K S K' = predicted - corrected
+        # The mean moves by K S K', which is the predicted covariance less the corrected one.
         np.testing.assert_allclose(
             computed.diffusion[k] * dt, predicted.cov - current.cov, atol=1e-12
         )

@@ -1,4 +1,4 @@
-"""The filter's covariance is that of its errors: chi-square tests over trials of a linear system."""
+"""The filter's covariance is that of its errors: chi-square tests over linear trials."""
 
 import jax
 import jax.numpy as jnp
@@ -10,13 +10,16 @@ import mppi_belief as mb
 import reference
 from helpers import SIGMAS, Feedback, float64, light_dark_problem, quick_jit
 
-TRIALS, STEPS, DT, NOISE = 200, 25, 0.1, 0.4
+TRIALS = 200
+STEPS = 25
+DT = 0.1
+NOISE = 0.4
 ALPHA = 1e-5  # two-sided, all intervals of a test together
 
 
 @pytest.fixture(scope="module")
 def trial() -> mb.Trial:
-    """Trials (N,) of the double integrator with constant measurement noise, where the filter is exact."""
+    """Returns trials (N,) with constant measurement noise, where the filter is exact."""
     with float64():
         system = {"noise_slope": 0.0, "noise_floor": NOISE}
         problem = light_dark_problem(
@@ -69,7 +72,9 @@ def test_a_covariance_a_fifth_too_large_or_small_would_be_found_out(trial):
 
 def test_update_is_predict_then_correct(light_dark, x64):
     model = reference.light_dark(sampled=True, dt=DT)
-    key, u, y = jax.random.key(0), np.array([1.0, -2.0]), np.array([1.3, 0.8])
+    key = jax.random.key(0)
+    u = np.array([1.0, -2.0])
+    y = np.array([1.3, 0.8])
     before = mb.EKF().init(light_dark, key)
     after = quick_jit(mb.EKF().update)(light_dark, before, u, y, key)
     mean, cov = reference.kalman_step(

@@ -1,4 +1,4 @@
-"""What every filter in conf/filter must do: start at the prior, and compare measurements that wrap."""
+"""What every filter in conf/filter must do: start at the prior, heed measurements that wrap."""
 
 from typing import Any
 
@@ -84,7 +84,8 @@ def test_a_filter_that_knows_its_innovations_uses_them_in_its_update(option, lig
     filter = configured(option)
     if not isinstance(filter, GaussianFilter):
         return
-    u, y = jnp.array([1.0, -2.0]), jnp.array([1.3, 0.8])
+    u = jnp.array([1.0, -2.0])
+    y = jnp.array([1.3, 0.8])
     first = filter.init(light_dark, KEY)
     predicted = filter.predict(light_dark, first, u)
     correction = filter.correct(light_dark, predicted, y)
@@ -98,7 +99,7 @@ def test_a_filter_that_knows_its_innovations_uses_them_in_its_update(option, lig
 
 
 def test_filters_agree_on_the_innovations_of_a_sensor_that_follows_the_belief(x64):
-    """The system is linear, so NIS of both filters is the same, taken with the sensor as it was aimed."""
+    """Both filters have the same NIS in a linear system, with the sensor as it was aimed."""
     problem = platform_problem(noise_convention="sample", limit=5.0)
     trial = quick_jit(mb.simulate_trial)(problem, mb.EKF(), Feedback(0.2), 3, 0)
     extended, unscented = (

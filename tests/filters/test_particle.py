@@ -22,7 +22,7 @@ SURPRISES = jnp.array(
 
 
 def measurements(problem: mb.Problem) -> jax.Array:
-    """What a vehicle that starts at the prior mean and meets no noise would measure, and a little more."""
+    """Returns the measurements of a vehicle without noise, plus given surprises."""
 
     def step(x, inputs):
         x = euler_step(problem.system, x, inputs[0], problem.dt)
@@ -65,7 +65,8 @@ def test_mean_and_covariance_are_kalmans_on_a_linear_system(x64, rng):
 
 
 def test_likelihood_is_the_normal_density_with_the_noise_of_the_place_it_is_told(x64):
-    problem, likelihood = light_dark_problem(), quick_jit(measurement_log_density)
+    problem = light_dark_problem()
+    likelihood = quick_jit(measurement_log_density)
     y = jnp.array([2.0, 0.3])
     for x in (jnp.array([1.0, 0, 0, 0]), jnp.array([5.0, 0.1, 0, 0]), jnp.array([7.0, 1.0, 0, 0])):
         for noise_state in (x, jnp.array([6.0, 0, 0, 0])):
@@ -77,7 +78,7 @@ def test_likelihood_is_the_normal_density_with_the_noise_of_the_place_it_is_told
 
 
 def lost_in_the_light(noise_at: str) -> tuple[np.ndarray, np.ndarray]:
-    """Positions p_x and weights of particles between 5.3 and 6.7 m when the vehicle is seen at 5 m."""
+    """Returns positions p_x and weights of particles from 5.3 to 6.7 m, measured at 5 m."""
     problem = light_dark_problem()
     filter = mb.ParticleFilter(50, resample_below=0.0, noise_at=noise_at)
     particles = jnp.zeros((4, 50)).at[0].set(jnp.linspace(5.3, 6.7, 50))
@@ -87,7 +88,7 @@ def lost_in_the_light(noise_at: str) -> tuple[np.ndarray, np.ndarray]:
 
 
 def test_with_the_noise_at_each_particle_those_farther_off_explain_the_measurement():
-    """N(5; p, sigma(p)) grows with |p - 5| as long as sigma grows faster than the distance is off."""
+    """N(5; p, sigma(p)) grows with |p - 5| as long as sigma grows faster than the distance."""
     where, weight = lost_in_the_light("particle")
     sigma = np.abs(where - 5) / np.sqrt(2) + 0.1
     expected = np.exp(-0.5 * ((where - 5) / sigma) ** 2) / sigma**2
@@ -133,7 +134,8 @@ quick_systematic = quick_jit(systematic_resampling)  # compiled once for each si
 def test_systematic_resampling_copies_each_particle_as_often_as_it_weighs(scores, seed):
     weights = np.exp(scores) / np.sum(np.exp(scores))
     chosen = np.asarray(quick_systematic(np.log(weights), jax.random.key(seed)))
-    counts, expected = np.bincount(chosen, minlength=len(weights)), len(weights) * weights
+    counts = np.bincount(chosen, minlength=len(weights))
+    expected = len(weights) * weights
     assert counts.sum() == len(weights)
     assert np.all(
         np.abs(counts - expected) < 1 + 1e-4

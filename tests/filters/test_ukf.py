@@ -1,4 +1,4 @@
-"""The unscented filter: Kalman's where all is linear, a plain re-derivation where it is not, Theorem 1's part."""
+"""The unscented filter: equal to Kalman's in linear systems and to a textbook form elsewhere."""
 
 from functools import partial
 from itertools import product
@@ -35,8 +35,10 @@ PROBLEMS = {
 def textbook(
     problem: mb.Problem, mean: np.ndarray, cov: np.ndarray, u: np.ndarray, y: np.ndarray
 ) -> tuple:
-    """Covariances and no roots, an inverse; points from all vectors of signs with at most two that are not zero."""
-    system, dt, n = problem.system, problem.dt, len(mean)
+    """Filters with covariances and an inverse; points are sign vectors of at most two entries."""
+    system = problem.system
+    dt = problem.dt
+    n = len(mean)
 
     def points(m: np.ndarray, P: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         directions = [d for d in product((-1, 0, 1), repeat=n) if 0 < np.abs(d).sum() <= 2]
@@ -67,10 +69,8 @@ def test_it_is_the_textbooks(x64, rng, name):
     """Where no bearing wraps, and from a diagonal covariance: another root turns the points."""
     problem = PROBLEMS[name]()
     start = mb.UKF().init(problem, KEY)
-    u, y = (
-        rng.normal(size=problem.cost.R.shape[0]),
-        np.asarray(quick_jit(problem.system.c)(start.mean)) + 0.05,
-    )
+    u = rng.normal(size=problem.cost.R.shape[0])
+    y = np.asarray(quick_jit(problem.system.c)(start.mean)) + 0.05
     after = quick_jit(mb.UKF().update)(problem, start, u, y, KEY)
     mean, cov, expected, S = textbook(problem, np.asarray(start.mean), np.asarray(start.cov), u, y)
     np.testing.assert_allclose(after.mean, mean, atol=1e-10)
@@ -86,7 +86,8 @@ def test_it_is_the_textbooks(x64, rng, name):
 def test_it_is_kalmans_on_a_linear_system(x64, rng, nx):
     """With either rule: six states have that of degree 3."""
     problem = random_problem(rng, nx=nx)
-    u, y = rng.normal(size=2), rng.normal(size=1)
+    u = rng.normal(size=2)
+    y = rng.normal(size=1)
     unscented, exact = (
         quick_jit(filter.update)(problem, filter.init(problem, KEY), u, y, KEY)
         for filter in (mb.UKF(), mb.EKF())
@@ -115,7 +116,8 @@ def test_what_it_takes_for_noise_is_the_part_outside_the_tangent_space(x64, rng)
         def sigma_o(self, x):
             return jnp.eye(2)
 
-    mean, cov = rng.normal(size=3), random_spd(rng, 3, 0.2, 0.6)
+    mean = rng.normal(size=3)
+    cov = random_spd(rng, 3, 0.2, 0.6)
     root = np.linalg.cholesky(cov)
     problem = random_problem(rng)
     bent = mb.Problem(Bent(), problem.cost, mean, np.ones(3), dt=0.1, steps=1)
@@ -131,7 +133,8 @@ def test_what_it_takes_for_noise_is_the_part_outside_the_tangent_space(x64, rng)
 def test_covariances_stay_semidefinite_where_some_is_known_exactly():
     """Single precision, a sensor that is nearly perfect, a prior without any doubt of the rate."""
     problem = problem_of(pendulum(sensor_noise=1e-5, process_noise=0.0), [1.4, 0.0], [0.3, 0.0])
-    update, belief = quick_jit(mb.UKF().update), mb.UKF().init(problem, KEY)
+    update = quick_jit(mb.UKF().update)
+    belief = mb.UKF().init(problem, KEY)
     for k in range(20):
         y = problem.system.c(belief.mean) + 1e-3 * (-1.0) ** k
         belief = update(problem, belief, jnp.array([2.0]), y, KEY)
@@ -141,7 +144,9 @@ def test_covariances_stay_semidefinite_where_some_is_known_exactly():
 
 def test_it_is_the_extended_filter_in_the_paper_s_system(x64):
     """Linear there; the noise that depends on the state is that at the predicted mean for both."""
-    problem, u, y = light_dark_problem(), np.array([1.0, -2.0]), np.array([1.3, 0.8])
+    problem = light_dark_problem()
+    u = np.array([1.0, -2.0])
+    y = np.array([1.3, 0.8])
     unscented, expected = (
         quick_jit(filter.update)(problem, filter.init(problem, KEY), u, y, KEY)
         for filter in (mb.UKF(), mb.EKF())
@@ -151,7 +156,7 @@ def test_it_is_the_extended_filter_in_the_paper_s_system(x64):
 
 
 def test_bearings_behind_it_are_averaged_across_the_jump(x64):
-    """Sigma points on both sides of a beacon's back see bearings a turn apart; their mean is between, not across."""
+    """Bearings on both sides of the jump are a turn apart; their mean lies between them."""
     problem = problem_of(beacons(anchor=[1.0, 1.0]), [1.0, -4.0, 0.0, 0.5], [0.3, 0.3, 0.1, 0.1])
     predicted = quick_jit(mb.UKF().predict)(problem, mb.UKF().init(problem, KEY), np.zeros(2))
     y = np.array([0.0, np.pi / 2, *np.zeros(4)])

@@ -1,4 +1,4 @@
-"""A sensor chosen so that matching (15) holds: against definitions written out, by what it leaves, at its limits."""
+"""A sensor chosen so that matching (15) holds: its definition, its residual, and its limits."""
 
 import dataclasses
 
@@ -18,8 +18,10 @@ from mppi_belief.matching.weights import matched_weight, residual
 from mppi_belief.simulate import simulate_trial
 from system_helpers import platform_problem
 
-TEMPERATURE, DT = 0.8, 0.1
-NX, NU = 4, 2
+TEMPERATURE = 0.8
+DT = 0.1
+NX = 4
+NU = 2
 
 
 class Case:
@@ -27,8 +29,10 @@ class Case:
 
     def __init__(self, seed: int) -> None:
         rng = np.random.default_rng(seed)
-        self.cov, self.R = random_spd(rng, NX), random_spd(rng, NU)
-        self.G, self.noise = rng.normal(size=(NX, NU)), rng.normal(size=(3, 3)) + 2 * np.eye(3)
+        self.cov = random_spd(rng, NX)
+        self.R = random_spd(rng, NU)
+        self.G = rng.normal(size=(NX, NU))
+        self.noise = rng.normal(size=(3, 3)) + 2 * np.eye(3)
         self.wanted = TEMPERATURE * self.G @ np.linalg.inv(self.R) @ self.G.T
 
     def sensor(self, dt: float = 0.0, limit: float | None = None) -> np.ndarray:
@@ -67,11 +71,9 @@ def test_a_limit_clips_the_signal_to_noise_ratio_to_the_nearest_and_never_raises
     case = Case(1)
     free = np.linalg.solve(case.noise, case.sensor())
     U, s, Vt = np.linalg.svd(free, full_matrices=False)
-    W, limits, residuals = (
-        matched_weight(jnp.asarray(case.R), TEMPERATURE),
-        np.geomspace(0.05, 3, 15) * s[0],
-        [],
-    )
+    W = matched_weight(jnp.asarray(case.R), TEMPERATURE)
+    limits = np.geomspace(0.05, 3, 15) * s[0]
+    residuals = []
     for limit in limits:
         held = case.sensor(limit=limit)
         nearest = (U[:, :NU] * np.minimum(s[:NU], limit)) @ Vt[:NU]
@@ -87,7 +89,7 @@ def test_a_limit_clips_the_signal_to_noise_ratio_to_the_nearest_and_never_raises
 
 
 def test_a_covariance_that_is_used_up_is_seen_as_well_as_it_can_be(x64):
-    """Sigma < lambda G R^-1 G' dt: no sensor matches, the best leaves a part LEAST_REMAINING of the variance."""
+    """Where Sigma < lambda G R^-1 G' dt no sensor matches; the best leaves LEAST_REMAINING."""
     case = Case(2)
     case.cov *= 1e-4
     removed = case.sampled(case.sensor(DT)) * DT
@@ -140,8 +142,9 @@ def test_matching_holds_along_a_schedule_and_only_with_the_selector(method, conv
 
 
 def test_the_plant_measures_with_the_sensor_that_the_filter_and_the_plan_have(x64):
-    """A trial's measurements, less what the filter expected, over their covariance: with the filter's own C."""
-    problem, n = dataclasses.replace(platform_problem(), steps=4), 300
+    """Compares innovations of trials with their covariance, by the filter's own C."""
+    problem = dataclasses.replace(platform_problem(), steps=4)
+    n = 300
     trials = quick_jit(jax.vmap(lambda t: simulate_trial(problem, EKF(), Feedback(0.2), 3, t)))(
         jnp.arange(n)
     )
@@ -149,11 +152,10 @@ def test_the_plant_measures_with_the_sensor_that_the_filter_and_the_plan_have(x6
     np.testing.assert_allclose(trials.beliefs.cov[0], plan.cov, rtol=1e-10, atol=1e-13)
     jumps = []
     for k in range(4):
-        before, u = mb.Belief(trials.beliefs.mean[0, k], plan.cov[k]), trials.controls[0, k]
-        predicted_mean, aimed_problem = (
-            predict(problem, before, u).mean,
-            aim_sensor_ahead(problem, before, u),
-        )
+        before = mb.Belief(trials.beliefs.mean[0, k], plan.cov[k])
+        u = trials.controls[0, k]
+        predicted_mean = predict(problem, before, u).mean
+        aimed_problem = aim_sensor_ahead(problem, before, u)
         moved = predicted_mean + plan.gain[k] @ (
             trials.measurements[0, k] - aimed_problem.system.c(predicted_mean)
         )
@@ -161,7 +163,7 @@ def test_the_plant_measures_with_the_sensor_that_the_filter_and_the_plan_have(x6
         errors = np.asarray(trials.states[:, k + 1] - trials.beliefs.mean[:, k + 1])
         whitened = np.linalg.solve(np.linalg.cholesky(np.asarray(plan.cov[k + 1])), errors.T)
         jumps.append(np.sum(whitened**2))
-    # chi-squared with 4 degrees of freedom: a plant that measured otherwise would leave other errors
+    # Chi-squared with 4 degrees of freedom: another sensor in the plant would leave other errors.
     assert abs(np.mean(jumps) / n - 4) < 4.5 * np.sqrt(8 / n)
 
 

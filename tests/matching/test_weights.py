@@ -1,4 +1,4 @@
-"""The matching condition (15): the best weight is best, and the closed form of its residual in the light."""
+"""The matching condition (15): the best weight, and the closed form of its residual."""
 
 import math
 
@@ -20,7 +20,8 @@ from mppi_belief.matching.weights import (
     residual,
 )
 
-NX, NU = 4, 2
+NX = 4
+NU = 2
 best = quick_jit(best_weight)
 epsilon = quick_jit(residual)
 SEEDS = st.integers(0, 2**32 - 1)
@@ -29,7 +30,8 @@ SEEDS = st.integers(0, 2**32 - 1)
 A = np.block([[np.zeros((2, 2)), np.eye(2)], [np.zeros((2, 4))]])
 G = np.vstack([np.zeros((2, 2)), np.eye(2)])
 C = np.hstack([np.eye(2), np.zeros((2, 2))])
-Q, R = 0.3**2 * G @ G.T, 0.1**2 * np.eye(2)
+Q = 0.3**2 * G @ G.T
+R = 0.1**2 * np.eye(2)
 
 
 def of_rank(rng: np.random.Generator, rows: int, columns: int, rank: int) -> np.ndarray:
@@ -41,7 +43,8 @@ def of_rank(rng: np.random.Generator, rows: int, columns: int, rank: int) -> np.
 @given(SEEDS, st.integers(1, NX), st.integers(0, NU))
 def test_no_other_weight_comes_nearer(seed, rank_D, rank_G):
     rng = np.random.default_rng(seed)
-    factor, G = of_rank(rng, NX, NX, rank_D), of_rank(rng, NX, NU, rank_G)
+    factor = of_rank(rng, NX, NX, rank_D)
+    G = of_rank(rng, NX, NU, rank_G)
     D = factor @ factor.T
     with float64():
         W = np.asarray(best(D, G))
@@ -63,7 +66,8 @@ def test_no_other_weight_comes_nearer(seed, rank_D, rank_G):
 @given(SEEDS, st.integers(1, NU))
 def test_a_diffusion_that_controls_can_make_leaves_nothing(seed, rank):
     rng = np.random.default_rng(seed)
-    G, W = random_spd(rng, NX)[:, :NU], of_rank(rng, NU, NU, rank)
+    G = random_spd(rng, NX)[:, :NU]
+    W = of_rank(rng, NU, NU, rank)
     D = G @ W @ W.T @ G.T
     with float64():
         assert float(epsilon(D, G, W @ W.T)) < 1e-12
@@ -123,7 +127,8 @@ def test_a_vehicle_that_rests_in_the_light_comes_to_the_steady_states_residual(
     if convention == "intensity":
         expected = closed_form()
     else:  # the filter's step of 0.1 s: K S K' for the covariance before a measurement
-        F, dt = np.eye(4) + 0.1 * A, 0.1
+        F = np.eye(4) + 0.1 * A
+        dt = 0.1
         before = solve_discrete_are(F.T, C.T, Q * dt, R)
         moved = before @ C.T @ np.linalg.solve(C @ before @ C.T + R, C @ before)
         np.testing.assert_allclose(D * dt, moved, rtol=1e-6, atol=1e-12)
@@ -172,8 +177,10 @@ def test_no_other_constant_weight_comes_nearer(seed, steps, nx, nu):
 
 
 def test_the_constant_weight_of_a_turning_control_is_the_one_by_hand():
-    """D = 1, 10, 1 at 0, 45, 90 degrees: W = a [1 1; 1 1], 4 (a - 1) + 0.4 (0.2 a - 1) = 0; without W >= 0 it is
-    [1 9; 9 1], which leaves nothing."""
+    """D = 1, 10, 1 at 0, 45, 90 degrees: W = a [1 1; 1 1], 4 (a - 1) + 0.4 (0.2 a - 1) = 0.
+
+    Without W >= 0 it is [1 9; 9 1], which leaves nothing.
+    """
     push = np.array([[1.0, 0.0], [0.5**0.5, 0.5**0.5], [0.0, 1.0]])[:, None, :]
     D = np.array([1.0, 10.0, 1.0])[:, None, None]
     solution = best_constant_weight(D, push)
@@ -193,10 +200,8 @@ def test_one_step_has_the_best_weight_as_its_constant_one(rng, x64):
 def test_steps_without_diffusion_are_left_out(rng):
     D, channels = schedule(rng, 5, NX, NU, rank=2)
     D[[0, 3]] = 0
-    solution, without = (
-        best_constant_weight(D, channels),
-        best_constant_weight(D[[1, 2, 4]], channels[[1, 2, 4]]),
-    )
+    solution = best_constant_weight(D, channels)
+    without = best_constant_weight(D[[1, 2, 4]], channels[[1, 2, 4]])
     np.testing.assert_array_equal(solution.weight, without.weight)
     assert (solution.value, solution.steps) == (without.value, 3)
     with pytest.raises(ValueError, match="every D_k is zero"):

@@ -1,4 +1,4 @@
-"""What `mppi_belief.numerics.jaxpr_interpreter` relies on in JAX; fails first where JAX has changed it.
+"""What `numerics.jaxpr_interpreter` relies on in JAX; these tests fail first where it has changed.
 
 A failure here names the assumption. Adapt the interpreter and its tables of rules, then raise the
 upper bound on `jax` in pyproject.toml.

@@ -35,7 +35,8 @@ def test_spd_inverse_under_any_units(n, precision, seed):
     np.testing.assert_array_equal(computed, computed.T)
     units = np.sqrt(np.diag(M).astype(np.float64))
     expected = np.linalg.inv(M / np.outer(units, units))
-    # condition number up to 20 in the natural units; LAPACK's pivoting, used from n = 3 on, minds the units
+    # The condition number is up to 20 in the natural units. LAPACK, used from n = 3 on, pivots by
+    # the given units and loses digits.
     np.testing.assert_allclose(
         computed * np.outer(units, units), expected, atol=(60 if n < 3 else 2000) * eps(dtype)
     )
@@ -60,8 +61,9 @@ def test_spd_inverse_of_a_nearly_singular_matrix_stays_definite(seed, log_condit
 def test_log_det_1p_of_a_large_rank_one_matrix_is_a_number_in_float32(seed):
     v = 3e3 * np.random.default_rng(seed).normal(size=2)
     computed = linalg.log_det_1p(jnp.asarray(np.outer(v, v), dtype=jnp.float32))
-    # what rounding makes of its determinant, up to eps of the product of two entries, is all that may be added
-    low, slack = np.log1p(v @ v), 4 * eps(np.float32) * np.max(v**2) ** 2
+    # Only the rounding of the determinant may be added, up to eps of the product of two entries.
+    low = np.log1p(v @ v)
+    slack = 4 * eps(np.float32) * np.max(v**2) ** 2
     assert low - 1e-5 <= computed <= np.log1p(v @ v + slack) + 1e-5
 
 
@@ -138,7 +140,8 @@ def test_forms_and_products_by_components_match_numpy(n, diagonal, x64, rng):
 
 
 def test_apply_takes_rectangular_matrices_and_minus_stops_at_the_reference(x64, rng):
-    M, x = rng.normal(size=(4, 3)), rng.normal(size=3)
+    M = rng.normal(size=(4, 3))
+    x = rng.normal(size=3)
     np.testing.assert_allclose(jnp.stack(linalg.matvec(M, x)), M @ x, rtol=1e-12)
     np.testing.assert_allclose(
         jnp.stack(linalg.minus(x, np.array([1.0, 2.0]))), x[:2] - [1, 2], rtol=1e-14
@@ -146,6 +149,7 @@ def test_apply_takes_rectangular_matrices_and_minus_stops_at_the_reference(x64, 
 
 
 def test_batches_by_vmap_keep_the_sample_as_last_axis(x64, rng):
-    M, x = random_spd(rng, 3), rng.normal(size=(3, 7))
+    M = random_spd(rng, 3)
+    x = rng.normal(size=(3, 7))
     computed = jax.vmap(lambda v: linalg.quadratic_form(M, v), in_axes=-1)(x)
     np.testing.assert_allclose(computed, np.einsum("in,ij,jn->n", x, M, x), rtol=1e-13)

@@ -35,7 +35,8 @@ def test_tails_reach_as_far_as_23_bits_do_and_no_further():
 
 
 def test_neighbours_rows_and_keys_are_uncorrelated():
-    x, y = draw(0, (400, 500)), draw(1, (400, 500))
+    x = draw(0, (400, 500))
+    y = draw(1, (400, 500))
     for a, b in ((x[:, :-1], x[:, 1:]), (x[:-1], x[1:]), (x, y), (x[:, :250], x[:, 250:])):
         assert abs(np.mean(a * b)) < 4.5 / np.sqrt(a.size)
 

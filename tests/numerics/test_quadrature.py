@@ -42,7 +42,8 @@ def test_weights_are_non_negative_up_to_four_dimensions(n):
 @pytest.mark.parametrize("n", [1, 3, 6])
 def test_mean_and_variance_of_a_quadratic_are_exact_for_any_gaussian(n, x64, rng):
     mean, slope = rng.normal(size=(2, n))
-    cov, W = random_spd(rng, n, 0.01, 2.0), rng.normal(size=(n, n))
+    cov = random_spd(rng, n, 0.01, 2.0)
+    W = rng.normal(size=(n, n))
     W = W + W.T
 
     def integrate(mean: Array, cov: Array) -> tuple[Array, Array]:

@@ -1,4 +1,4 @@
-"""Maps over the last axis do what `jax.vmap` does there; samples stay where they are, components are single vectors."""
+"""Maps over the last axis: equal to `jax.vmap`, samples stay there, components are vectors."""
 
 import jax
 import jax.numpy as jnp

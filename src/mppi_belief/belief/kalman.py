@@ -29,7 +29,8 @@ def predict(problem: Problem, belief: Belief | RootBelief, u: Array) -> RootBeli
 
 def _predict_moments(problem: Problem, mean: Array, root: Array, u: Array) -> tuple[Array, Array]:
     """Returns mean and root one step later, F Sigma F' + Q dt = M M', M = [F root, H sqrt(dt)]."""
-    system, dt = problem.system, problem.dt
+    system = problem.system
+    dt = problem.dt
     F = jax.jacfwd(lambda x: euler_step(system, x, u, dt))(mean)
     columns = jnp.hstack([F @ root, system.H * jnp.sqrt(dt)])
     return euler_step(system, mean, u, dt), tria(columns)

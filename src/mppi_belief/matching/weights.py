@@ -85,7 +85,8 @@ def feasible_control_weight(D: Matrix, G: Matrix, temperature: float) -> np.ndar
     differ, or if R is too badly conditioned for the precision of D and G.
     """
     D, G = _floats(D, G)
-    rank_D, rank_G = numerical_rank(D), numerical_rank(G)
+    rank_D = numerical_rank(D)
+    rank_G = numerical_rank(G)
     if not range_included(D, G):
         raise ValueError(
             "no R > 0 gives D = lambda G R^-1 G': range(D) is not contained in range(G)"

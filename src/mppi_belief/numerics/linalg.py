@@ -29,7 +29,8 @@ def spd_inverse(M: Array) -> Array:
     if M.shape[-1] == 1:
         return 1.0 / M
     if M.shape[-1] == 2:
-        a, b = M[0, 0], M[0, 1]
+        a = M[0, 0]
+        b = M[0, 1]
         schur = _schur(M)
         corner = -b / a / schur
         return jnp.array([[1.0 / a - corner * (b / a), corner], [corner, 1.0 / schur]])
@@ -41,7 +42,8 @@ def _schur(M: Array) -> Array:
 
     It is positive even under scales as different as 1e-12 and 1e12.
     """
-    b, d = M[0, 1], M[1, 1]
+    b = M[0, 1]
+    d = M[1, 1]
     return jnp.maximum(d - b * (b / M[0, 0]), d * jnp.finfo(M.dtype).eps)
 
 

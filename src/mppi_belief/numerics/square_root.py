@@ -32,7 +32,8 @@ def psd_factor(M: Array) -> tuple[Array, Array]:
     leading columns come first, so `L[:, :rank]` is the paper's L_t.
     """
     values, vectors = jnp.linalg.eigh(symmetrise(M))
-    values, vectors = values[::-1], vectors[:, ::-1]
+    values = values[::-1]
+    vectors = vectors[:, ::-1]
     cutoff = M.shape[-1] * jnp.finfo(M.dtype).eps * jnp.max(jnp.abs(values))
     is_positive = values > cutoff
     return vectors * jnp.sqrt(jnp.where(is_positive, values, 0.0)), jnp.sum(is_positive)
