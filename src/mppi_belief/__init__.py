@@ -94,6 +94,7 @@ if TYPE_CHECKING:  # the same names as below, for type checkers
         SeesState as SeesState,
         SteerableSensor as SteerableSensor,
         System as System,
+        WeighsPaths as WeighsPaths,
         WrappedMeasurements as WrappedMeasurements,
     )
     from .results.columns import Consistency as Consistency, Metrics as Metrics
@@ -135,6 +136,7 @@ _NAMES = {
         "SeesState",
         "SteerableSensor",
         "System",
+        "WeighsPaths",
         "WrappedMeasurements",
     ],
     "obstacles": ["ObstacleShape", "Surroundings", "Obstacles"],

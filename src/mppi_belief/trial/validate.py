@@ -5,9 +5,7 @@ at a few states drawn from the prior, by one small program for every structure. 
 compiles nothing anew.
 """
 
-import dataclasses
 import functools
-import inspect
 from typing import Any
 
 import jax
@@ -18,6 +16,7 @@ from jax import Array
 from ..discretise import measurement_cov, measurement_factor
 from ..errors import ConfigError, first_line
 from ..problem import Problem
+from .members import SHAPES, check_member, member_names, member_value, undeclared_sizes
 
 DRAWS = 4  # states from the prior at which functions are computed
 SYMMETRIC = 1e-6  # relative to the largest entry of R
@@ -25,27 +24,6 @@ DEFINITE = 1e-12  # least eigenvalue of R, relative to the largest
 
 Shape = tuple[int, ...]
 
-# Members by the name that messages give them, and their shapes: nx states, nu controls, nw noise
-# channels, ny measurements, m modes of the prior. A size is fixed where it is met first.
-SHAPES: dict[str, tuple[str, ...]] = {
-    "problem.prior_mean": ("nx",),
-    "problem.prior_std": ("nx",),
-    "problem.prior_modes": ("m", "nx"),
-    "problem.prior_weights": ("m",),
-    "cost.goal": ("nx",),
-    "cost.R": ("nu", "nu"),
-    "system.f": ("nx",),
-    "system.G": ("nx", "nu"),
-    "system.H": ("nx", "nw"),
-    "system.c": ("ny",),
-    "system.sigma_o": ("ny", "ny"),
-    "problem.obstacles.clearance": (),
-    "cost.base": (),
-    "cost.penalty": (),
-    "cost.terminal": (),
-}
-CONSTANT = ("system.H", "cost.R", "cost.goal")  # properties, not functions of the state
-OPTIONAL = ("problem.prior_modes", "problem.prior_weights")
 MAY_BE_INFINITE = ("problem.obstacles.clearance",)
 
 _UNTRACED = (
@@ -80,55 +58,12 @@ def check_problem(problem: Problem, precision: str) -> None:
     A member does not fit if it is missing, fails, or returns another shape or type or a value that
     is not finite. Nor does a singular sigma_o, or an R that is not positive definite.
     """
-    for name in _names(problem):
-        _check_member(problem, name)
+    for name in member_names(problem):
+        check_member(problem, name)
     _check_position(problem)
     leaves, structure = jax.tree.flatten(problem)
     _check_functions(structure, tuple(np.shape(leaf) for leaf in leaves), precision)
     _check_values(problem, precision)
-
-
-def _names(problem: Problem) -> list[str]:
-    """Returns the names in `SHAPES` that this problem has to have."""
-    absent = [name for name in OPTIONAL if getattr(problem, name.rpartition(".")[2]) is None]
-    if problem.obstacles is None:
-        absent.append("problem.obstacles.clearance")
-    return [name for name in SHAPES if name not in absent]
-
-
-def _owner(problem: Problem, name: str) -> Any:
-    """Returns the object whose member a name of `SHAPES` is."""
-    parts = name.split(".")[:-1]
-    owner: Any = problem
-    for part in parts if parts[0] != "problem" else parts[1:]:
-        owner = getattr(owner, part)
-    return owner
-
-
-def _check_member(problem: Problem, name: str) -> None:
-    """Raises `ConfigError` for a member that is missing or takes other arguments."""
-    owner = _owner(problem, name)
-    member = inspect.getattr_static(owner, name.rpartition(".")[2], None)
-    if member is None:
-        raise ConfigError(f"{name} is missing: {type(owner).__name__} must have it")
-    if name in CONSTANT and inspect.isfunction(member):
-        raise ConfigError(f"{name} is a method: it must be a property, the same for all states")
-    if name == "cost.penalty" and inspect.isfunction(member):
-        _check_takes_surroundings(member, name, "x, surroundings")
-        moments = inspect.getattr_static(owner, "running_moments", None)
-        if inspect.isfunction(moments):
-            _check_takes_surroundings(moments, "cost.running_moments", "mean, cov, surroundings")
-
-
-def _check_takes_surroundings(method: Any, name: str, arguments: str) -> None:
-    """Raises `ConfigError` for a method that does not take the position and the obstacles."""
-    try:
-        inspect.signature(method).bind("self", *arguments.split(", "))
-    except TypeError as error:
-        raise ConfigError(
-            f"{name} must take ({arguments}): surroundings.clearance(x) is the distance of a state "
-            "to the problem's obstacles"
-        ) from error
 
 
 def _check_position(problem: Problem) -> None:
@@ -147,7 +82,7 @@ def _check_functions(structure: Any, shapes: tuple[Shape, ...], precision: str) 
     leaves = [jax.ShapeDtypeStruct(shape, float) for shape in shapes]
     problem: Problem = jax.tree.unflatten(structure, leaves)
     sizes: dict[str, int] = {}
-    for name in _names(problem):
+    for name in member_names(problem):
         shape = _shape(problem, name)
         for axis, size in enumerate(SHAPES[name]):
             # A vector in place of a matrix still tells how large the matrix must be.
@@ -166,11 +101,11 @@ def _shape(problem: Problem, name: str) -> Shape:
     """Returns the shape of a member at a state; raises `ConfigError` if it fails or is no array."""
     x: Any = jax.ShapeDtypeStruct(problem.prior_mean.shape, float)
     try:
-        result = jax.eval_shape(functools.partial(_value, name), problem, x)
+        result = jax.eval_shape(functools.partial(member_value, name), problem, x)
     except Exception as error:
         reason = _UNTRACED if isinstance(error, _TRACERS) else first_line(error)
         raise ConfigError(
-            f"{name} fails for a state of shape {x.shape}: {reason}{_hint(problem, name)}"
+            f"{name} fails for a state of shape {x.shape}: {reason}{undeclared_sizes(problem, name)}"
         ) from error
     if not isinstance(result, jax.ShapeDtypeStruct):
         raise ConfigError(f"{name} returns a {type(result).__name__}, must return one array")
@@ -181,39 +116,13 @@ def _shape(problem: Problem, name: str) -> Shape:
     return result.shape
 
 
-def _value(name: str, problem: Problem, x: Array) -> Any:
-    """Returns what a member of `SHAPES` gives at a state (nx,)."""
-    if name == "cost.penalty":
-        return problem.penalty(x)
-    if name == "problem.obstacles.clearance":
-        return problem.clearance(x)
-    member = getattr(_owner(problem, name), name.rpartition(".")[2])
-    if name.startswith("problem.") or name == "cost.goal":
-        return jnp.asarray(member)
-    return member if name in CONSTANT else member(x)
-
-
-def _hint(problem: Problem, name: str) -> str:
-    """Returns a sentence about fields annotated as whole numbers that are not made with `size`."""
-    owner = _owner(problem, name)
-    if not dataclasses.is_dataclass(owner):
-        return ""
-    fields = dataclasses.fields(owner)
-    undeclared = [
-        field.name for field in fields if field.type in (int, "int") and not field.metadata
-    ]
-    if not undeclared:
-        return ""
-    return f"; a whole number such as {', '.join(undeclared)} is declared with mppi_belief.size"
-
-
 # Compiled without optimisation, since it runs once for each cell.
 @functools.partial(jax.jit, compiler_options={"xla_backend_optimization_level": 0})
 def _values(problem: Problem, states: Array) -> dict[str, Array]:
     """Returns what every member gives at states (P, nx), with one more axis (P, ...) in front."""
 
     def at_state(x: Array) -> dict[str, Any]:
-        values = {name: _value(name, problem, x) for name in _names(problem)}
+        values = {name: member_value(name, problem, x) for name in member_names(problem)}
         values["problem.prior_std^2"] = jnp.asarray(problem.prior_std) ** 2
         values["system.sigma_o in measurements"] = measurement_factor(problem, x)
         values["system.sigma_o sigma_o' of measurements"] = measurement_cov(problem, x)

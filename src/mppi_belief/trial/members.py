@@ -1,0 +1,105 @@
+"""The members that a problem's system, cost and obstacles must have, by name.
+
+Messages give a member the name that its key has in a configuration: "system.f" is `problem.system.f`.
+"""
+
+import dataclasses
+import inspect
+from typing import Any
+
+import jax.numpy as jnp
+from jax import Array
+
+from ..errors import ConfigError
+from ..problem import Problem
+
+# Members by the name that messages give them, and their shapes: nx states, nu controls, nw noise
+# channels, ny measurements, m modes of the prior. A size is fixed where it is met first.
+SHAPES: dict[str, tuple[str, ...]] = {
+    "problem.prior_mean": ("nx",),
+    "problem.prior_std": ("nx",),
+    "problem.prior_modes": ("m", "nx"),
+    "problem.prior_weights": ("m",),
+    "cost.goal": ("nx",),
+    "cost.R": ("nu", "nu"),
+    "system.f": ("nx",),
+    "system.G": ("nx", "nu"),
+    "system.H": ("nx", "nw"),
+    "system.c": ("ny",),
+    "system.sigma_o": ("ny", "ny"),
+    "problem.obstacles.clearance": (),
+    "cost.base": (),
+    "cost.penalty": (),
+    "cost.terminal": (),
+}
+CONSTANT = ("system.H", "cost.R", "cost.goal")  # properties, not functions of the state
+OPTIONAL = ("problem.prior_modes", "problem.prior_weights")
+
+
+def member_names(problem: Problem) -> list[str]:
+    """Returns the names in `SHAPES` that this problem has to have."""
+    absent = [name for name in OPTIONAL if getattr(problem, name.rpartition(".")[2]) is None]
+    if problem.obstacles is None:
+        absent.append("problem.obstacles.clearance")
+    return [name for name in SHAPES if name not in absent]
+
+
+def _owner(problem: Problem, name: str) -> Any:
+    """Returns the object whose member a name of `SHAPES` is."""
+    parts = name.split(".")[:-1]
+    owner: Any = problem
+    for part in parts if parts[0] != "problem" else parts[1:]:
+        owner = getattr(owner, part)
+    return owner
+
+
+def check_member(problem: Problem, name: str) -> None:
+    """Raises `ConfigError` for a member that is missing or takes other arguments."""
+    owner = _owner(problem, name)
+    member = inspect.getattr_static(owner, name.rpartition(".")[2], None)
+    if member is None:
+        raise ConfigError(f"{name} is missing: {type(owner).__name__} must have it")
+    if name in CONSTANT and inspect.isfunction(member):
+        raise ConfigError(f"{name} is a method: it must be a property, the same for all states")
+    if name == "cost.penalty" and inspect.isfunction(member):
+        _check_takes_surroundings(member, name, "x, surroundings")
+        moments = inspect.getattr_static(owner, "running_moments", None)
+        if inspect.isfunction(moments):
+            _check_takes_surroundings(moments, "cost.running_moments", "mean, cov, surroundings")
+
+
+def _check_takes_surroundings(method: Any, name: str, arguments: str) -> None:
+    """Raises `ConfigError` for a method that does not take the position and the obstacles."""
+    try:
+        inspect.signature(method).bind("self", *arguments.split(", "))
+    except TypeError as error:
+        raise ConfigError(
+            f"{name} must take ({arguments}): surroundings.clearance(x) is the distance of a state "
+            "to the problem's obstacles"
+        ) from error
+
+
+def member_value(name: str, problem: Problem, x: Array) -> Any:
+    """Returns what a member of `SHAPES` gives at a state (nx,)."""
+    if name == "cost.penalty":
+        return problem.penalty(x)
+    if name == "problem.obstacles.clearance":
+        return problem.clearance(x)
+    member = getattr(_owner(problem, name), name.rpartition(".")[2])
+    if name.startswith("problem.") or name == "cost.goal":
+        return jnp.asarray(member)
+    return member if name in CONSTANT else member(x)
+
+
+def undeclared_sizes(problem: Problem, name: str) -> str:
+    """Returns a sentence about fields annotated as whole numbers that are not made with `size`."""
+    owner = _owner(problem, name)
+    if not dataclasses.is_dataclass(owner):
+        return ""
+    fields = dataclasses.fields(owner)
+    undeclared = [
+        field.name for field in fields if field.type in (int, "int") and not field.metadata
+    ]
+    if not undeclared:
+        return ""
+    return f"; a whole number such as {', '.join(undeclared)} is declared with mppi_belief.size"
