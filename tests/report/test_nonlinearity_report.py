@@ -96,7 +96,7 @@ def test_either_statistic_off_its_band_is_inconsistent(founds):
     ekf, ukf = nonlinearity.verdicts(nonlinearity.consistency_points(founds))
     assert "not consistent at curvature 1 (NEES 1.60 [1.57, 1.63]), 2 (" in ekf
     assert "2.50 [2.50, 2.50] at 1" in ekf
-    assert "UKF: consistent at every curvature" in ukf
+    assert "UKF on bent: consistent at every curvature" in ukf
 
 
 def test_a_mean_that_a_few_lost_trials_make_is_not_consistent_however_wide_its_interval():

@@ -166,7 +166,7 @@ def test_a_report_tells_both_problems(tmp_path):
         frame = section.tables[0].frame
         assert [text.split()[0] for text in frame["in the light % [95 %]"]] == ["100", "0"]
         assert list(frame["furthest x m"]) == ["4.75", "2.25"]
-        assert list(frame["its median"]) == ["0.20", "0.20"]
+        assert list(frame["median distance m"]) == ["0.20", "0.20"]
         assert "CE-MPPI costs 50.0" in section.text[1]
         assert section.tables[1].frame["Pairs"].item() == "5"
         assert (tmp_path / f"{name}.png").exists()

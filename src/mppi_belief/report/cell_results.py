@@ -16,7 +16,7 @@ from .summary import label_text
 
 METHOD_NAMES = {
     "belief": "MPPI-Belief",
-    "belief_joint": "MPPI-Belief, a covariance per path",
+    "belief_joint": "MPPI-Belief with a covariance per path",
     "ce": "CE-MPPI",
     "pipf": "PIPF",
     "ilqg": "EKF-iLQG",

@@ -34,9 +34,9 @@ def controlled_sensing_section(cells: list[CellResults], folder: Path) -> Sectio
             "step. The system is a moored platform in the plane, which is to be held away from its "
             "rest position. The fixed sensor measures the position with the same noise.",
             *filter(None, sensor_texts),
-            "The chosen sensor serves matching, not knowledge: it corrects the estimate of the "
-            "velocity only. With a limit on its signal-to-noise ratio a residual of (15) remains, "
-            "and Algorithm 1 costs more.",
+            "The sensor is chosen for matching and not for information: it corrects the estimate "
+            "of the velocity only. With a limit on its signal-to-noise ratio a residual of (15) "
+            "remains, and Algorithm 1 costs more.",
         ],
         [write_page_table(folder, stem, caption, cell_lines(cells), cells)],
         write_picture(folder, stem, sensing_figure(unlimited, limited), alt),
@@ -72,5 +72,5 @@ def _algorithm_1_costs(cells: Sequence[CellResults], sensor: str) -> str:
         if method in methods
     ]
     comparison = f", {' and '.join(differences)}" if differences else ""
-    label = SENSORS[sensor].capitalize()
-    return f"{label}: Algorithm 1 as printed costs {cost_text(algorithm_1)}{comparison}."
+    costs = f"costs {cost_text(algorithm_1)}{comparison}"
+    return f"With the {SENSORS[sensor]}, Algorithm 1 as printed {costs}."

@@ -125,7 +125,7 @@ def verdicts(points: Sequence[ConsistencyPoint]) -> list[str]:
         losses = [f"{interval_text(point.loss, 2)} at {point.curvature:g}" for point in curve]
         name = FILTER_NAMES.get(filter_name, filter_name)
         sentences.append(
-            f"{system}, {name}: {verdict}. Loss against the oracle: {', '.join(losses)}."
+            f"{name} on {system}: {verdict}. Loss against the oracle: {', '.join(losses)}."
         )
     return sentences
 

@@ -89,7 +89,7 @@ def _problem_line(cell: CellResults) -> dict[str, str]:
         "trials": str(len(cell.good)),
         "cost [95 %]": cost_text(cell),
         "final distance m [95 %]": _final_distance(cell),
-        "its median": f"{cell.good['final_distance'].median():.2f}",
+        "median distance m": f"{cell.good['final_distance'].median():.2f}",
         "furthest x m": _median(beliefs.furthest),
         "in the light % [95 %]": interval_text(in_light.times(100), 0),
         "belief sd at the end m": _median(beliefs.final_sd),
