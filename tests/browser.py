@@ -1,6 +1,4 @@
-"""A page in a real browser, off the network: how wide it is, whether its pictures are drawn, what
-it complains of.
-"""
+"""Loads a page in a real browser, off the network, to measure it and read its console."""
 
 import html
 import json
@@ -26,7 +24,7 @@ OPTIONS = [
 ]
 SECONDS = 120
 
-# frames, because a headless window has a least width; the page in them stays as it is
+# Frames, because a headless window has a minimum width; they do not change the page.
 WRAPPER = """<!doctype html><meta charset="utf-8">{frames}<pre id="seen"></pre><script>
 onload = () => {{
   const seen = [...document.querySelectorAll("iframe")].map(frame => {{
@@ -44,37 +42,34 @@ onload = () => {{
 </script>"""
 
 
-class Seen(NamedTuple):
-    """A page in a window `width` px wide.
+class Window(NamedTuple):
+    """Holds the measures of a page in one window, in px."""
 
-    room        the same less a scroll bar
-    content     width of what the page holds: more than `room` if the page scrolls sideways
-    pictures    natural widths, 0 for those that are not drawn
-    boxes       by how much the content of each scrolling box is wider than the box
+    width: int  # of the window
+    room: int  # width without a scroll bar
+    content: int  # width of the content; more than `room` if the page scrolls sideways
+    pictures: list[int]  # natural widths; 0 for pictures that are not drawn
+    boxes: list[int]  # by how much the content of each scrolling box is wider than the box
+
+
+def look(page: str, widths: Sequence[int], folder: Path) -> tuple[list[Window], list[str]]:
+    """Measures the page at every width; returns the lines of the console too.
+
+    The browser writes its files into `folder`.
     """
-
-    width: int
-    room: int
-    content: int
-    pictures: list[int]
-    boxes: list[int]
-
-
-def look(page: str, widths: Sequence[int], folder: Path) -> tuple[list[Seen], list[str]]:
-    """The page at every width, and the lines of the console; `folder` takes the browser's files."""
     frame = '<iframe width="{}" height="800" style="border: 0" srcdoc="{}"></iframe>'
     frames = "".join(frame.format(width, html.escape(page)) for width in widths)
     wrapper = folder / "wrapper.html"
     wrapper.write_text(WRAPPER.format(frames=frames), encoding="utf-8")
     dump, log = _browse(wrapper, folder / "profile")
-    views = json.loads(html.unescape(re.findall(r'<pre id="seen">(.*?)</pre>', dump)[-1]))
-    return [Seen(**view) for view in views], [
+    windows = json.loads(html.unescape(re.findall(r'<pre id="seen">(.*?)</pre>', dump)[-1]))
+    return [Window(**window) for window in windows], [
         line for line in log.splitlines() if ":CONSOLE" in line
     ]
 
 
 def _browse(file: Path, profile: Path) -> tuple[str, str]:
-    """The document after loading, and the browser's log."""
+    """Returns the document after loading, and the log of the browser."""
     assert BROWSER is not None
     command = [BROWSER, *OPTIONS, f"--user-data-dir={profile}", "--dump-dom", file.as_uri()]
     done = subprocess.run(command, capture_output=True, text=True, timeout=SECONDS, check=True)

@@ -1,4 +1,4 @@
-"""Studies whose results are made up and written as a run leaves them: no trial is run."""
+"""Makes up results of studies and writes them as a run does; no trial is run."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -28,32 +28,32 @@ SCENE: dict[str, Any] = {
 }
 
 
-def setting(
+def cell_of(
     method: str = "belief", theta: float = 1.0, w_obs: float = 500.0, seed: int = 0, **swept: Any
 ) -> Cell:
-    """A cell by the labels that a report goes by."""
+    """Returns a cell with these labels."""
     base = config(seed)
     names = base["names"] | {"controller": method}
     groups = {"controller": {"path_cost": {"theta": theta}}, "cost": {"w_obs": w_obs}}
     return Cell(base | groups | {"names": names, "swept": swept})
 
 
-def spread_out(n: int, mean: float, sd: float) -> np.ndarray:
-    """n values with exactly this mean and this standard deviation."""
+def spread_values(n: int, mean: float, sd: float) -> np.ndarray:
+    """Returns n values with exactly this mean and this standard deviation."""
     if n < 2 or sd == 0:
         return np.full(n, mean)
     values = np.linspace(-1.0, 1.0, n)
     return mean + sd * values / np.std(values, ddof=1)
 
 
-def trials(
+def trial_rows(
     n: int,
     hits: int = 0,
     cost: tuple[float, float] = (50.0, 6.0),
     clearance: tuple[float, float] = (0.5, 0.2),
 ) -> list[dict[str, Any]]:
-    """Rows of n trials, the first `hits` of which collide; means and standard deviations as given."""
-    columns = zip(spread_out(n, *cost), spread_out(n, *clearance), strict=True)
+    """Returns rows of n trials with these means and standard deviations; `hits` of them collide."""
+    columns = zip(spread_values(n, *cost), spread_values(n, *clearance), strict=True)
     return [
         row(trial, cost=c, clearance=far, collided=trial < hits)
         for trial, (c, far) in enumerate(columns)
@@ -63,7 +63,7 @@ def trials(
 def random_trials(
     rng: np.random.Generator, numbers: Sequence[int], rate: float, cost: float
 ) -> list[dict[str, Any]]:
-    """Rows of these trials, as random as trials are."""
+    """Returns rows of these trials with random results."""
     return [
         row(
             trial,
@@ -75,17 +75,17 @@ def random_trials(
     ]
 
 
-def lost(trial: int) -> dict[str, Any]:
+def failed_trial(trial: int) -> dict[str, Any]:
     return failed_row({}, trial, "error", "oh dear")
 
 
-def held(
+def results_of(
     cell: Cell,
     rows: Sequence[dict[str, Any]],
     wanted: int | None = None,
     sources: Sequence[dict[str, Any]] = (),
 ) -> CellResults:
-    """The cell as if these rows had been found."""
+    """Returns the cell with these rows as its results."""
     table = pd.DataFrame(list(rows), columns=[*row(0)])
     wanted = len(rows) if wanted is None else wanted
     return CellResults(
@@ -93,16 +93,14 @@ def held(
     )
 
 
-def store(
+def store_results(
     root: Path,
     cell: Cell,
     rows: Sequence[dict[str, Any]],
     seconds: Sequence[float] = (),
     source: dict[str, Any] | None = None,
 ) -> Path:
-    """Write these rows, in files of at most ten, and the wall times of control steps; the cell's
-    folder.
-    """
+    """Writes rows, ten per file, and wall times of control steps (s); returns the cell's folder."""
     folder = root / cell.id
     for start in range(0, len(rows), 10):
         results.write_rows(
@@ -114,9 +112,7 @@ def store(
 
 
 def store_pictured(folder: Path, trial: int, steps: int = 3) -> None:
-    """What pictures need beside the rows: the path of one trial in the plane, its scene, a
-    recording of it.
-    """
+    """Writes what pictures need beside rows: the path of a trial, its scene and its recording."""
     where = [np.array([1.0 + k, 1.0 - k / 4, 1.0, -0.25]) for k in range(steps + 1)]
     cov = 0.02 * np.eye(4).ravel()
     u = np.zeros(2)
@@ -141,16 +137,16 @@ def store_pictured(folder: Path, trial: int, steps: int = 3) -> None:
     )
 
 
-def read(root: Path, *cells: Cell, wanted: int = 200) -> list[CellResults]:
-    """The cells as a report finds them; nothing may be complained about."""
+def read_all(root: Path, *cells: Cell, wanted: int = 200) -> list[CellResults]:
+    """Reads cells as the report does; fails if it warns about anything."""
     complaints: list[str] = []
-    founds = [read_cell_results(cell, root, wanted, complaints.append) for cell in cells]
+    cells_read = [read_cell_results(cell, root, wanted, complaints.append) for cell in cells]
     assert complaints == []
-    return founds
+    return cells_read
 
 
 def rows_on_disk(root: Path, cell: Cell) -> pd.DataFrame:
-    """The good rows of a cell by pandas alone."""
+    """Reads the good rows of a cell by pandas alone."""
     table = pd.concat(
         [pd.read_parquet(path) for path in sorted((root / cell.id).glob("part-*.parquet"))]
     )

@@ -20,7 +20,7 @@ from mppi_belief.cli import main as cli
 from mppi_belief.config.cell import Cell
 from mppi_belief.config.conf_files import conf_dir
 from mppi_belief.report.build import STUDIES
-from report_helpers import lost, random_trials, store, store_pictured
+from report_helpers import failed_trial, random_trials, store_pictured, store_results
 
 TABLE_1 = ["experiment=table_1", "n_trials=12"]
 TRIAL = 1  # that the study records
@@ -72,7 +72,7 @@ def fill(root: Path, *args: str, n: int = 12, **changes: Any) -> list[Cell]:
     """Results of every cell of a study, as its run leaves them but for the pictures."""
     made, rng = cells(*args), np.random.default_rng(1)
     for cell in made:
-        folder = store(
+        folder = store_results(
             root,
             cell,
             random_trials(rng, range(n), 0.25, 50.0),
@@ -155,8 +155,8 @@ def test_a_second_call_writes_the_same_bytes(report, root, folder):
 def test_missing_cells_and_trials_are_told_with_the_command_that_runs_them(report, root, folder):
     first, second, _, _ = cells(*TABLE_1)
     rng = np.random.default_rng(1)
-    store(root, first, random_trials(rng, range(12), 0.0, 50.0))
-    store(root, second, random_trials(rng, range(3, 12), 0.0, 50.0))
+    store_results(root, first, random_trials(rng, range(12), 0.0, 50.0))
+    store_results(root, second, random_trials(rng, range(3, 12), 0.0, 50.0))
     said = report(*TABLE_1)
     assert (said.code, said.err) == (3, "")
     missing, where = said.out.splitlines()[-2:]
@@ -178,10 +178,14 @@ def test_without_any_results_there_is_a_page_that_says_so(report, folder):
 
 def test_failed_trials_are_not_missing(report, root, folder):
     for cell in cells(*TABLE_1):
-        store(
+        store_results(
             root,
             cell,
-            [*random_trials(np.random.default_rng(1), range(10), 0.0, 50.0), lost(10), lost(11)],
+            [
+                *random_trials(np.random.default_rng(1), range(10), 0.0, 50.0),
+                failed_trial(10),
+                failed_trial(11),
+            ],
         )
     said = report(*TABLE_1)
     assert (said.code, said.err) == (0, "")
@@ -191,7 +195,7 @@ def test_failed_trials_are_not_missing(report, root, folder):
 
 def test_cells_whose_trials_all_failed_do_not_stop_it(report, root, folder):
     for cell in cells(*TABLE_1):
-        store(root, cell, [lost(trial) for trial in range(12)])
+        store_results(root, cell, [failed_trial(trial) for trial in range(12)])
     said = report(*TABLE_1)
     assert (said.code, said.err) == (0, "")
     assert "48 trials failed" in (folder / "index.html").read_text()

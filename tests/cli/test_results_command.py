@@ -22,11 +22,11 @@ from mppi_belief.results import compact as compaction
 from mppi_belief.results import files
 from mppi_belief.results import table as results
 from mppi_belief.results.contents import read_cell, read_rows
-from report_helpers import lost, setting, store, store_pictured
+from report_helpers import cell_of, failed_trial, store_pictured, store_results
 from results_helpers import EXTREMES, bits
 from study_helpers import row
 
-CELL, OTHER = setting(theta=1.0), setting("ce", theta=0.0)
+CELL, OTHER = cell_of(theta=1.0), cell_of("ce", theta=0.0)
 
 
 def source(**changes: Any) -> dict[str, Any]:
@@ -69,7 +69,7 @@ def command(tmp_path, capsys) -> Callable[..., Said]:
 @pytest.fixture
 def cell(root) -> Path:
     """A cell with 25 rows in three files, a path, a scene and times, as a run leaves it."""
-    folder = store(root, CELL, rows_of(CELL, 25), [1e-3], source())
+    folder = store_results(root, CELL, rows_of(CELL, 25), [1e-3], source())
     store_pictured(folder, 3)
     return folder
 
@@ -80,8 +80,12 @@ def lines(said: Said) -> list[str]:
 
 
 def test_the_list_has_a_line_a_cell_with_its_statuses_settings_commit_and_age(command, cell, root):
-    store(
-        root, OTHER, [*rows_of(OTHER, 2), lost(2) | {"status": "crashed"}], (), source(dirty=True)
+    store_results(
+        root,
+        OTHER,
+        [*rows_of(OTHER, 2), failed_trial(2) | {"status": "crashed"}],
+        (),
+        source(dirty=True),
     )
     for path in cell.iterdir():
         os.utime(path, (0, time.time() - 7000))
@@ -98,9 +102,9 @@ def test_the_list_has_a_line_a_cell_with_its_statuses_settings_commit_and_age(co
 
 def test_settings_that_differ_are_shown_and_those_that_do_not_are_not(command, root):
     for width in (0.1, 0.2):
-        one = setting(**{"cost.bump_width": width, "planner.horizon": 7})
+        one = cell_of(**{"cost.bump_width": width, "planner.horizon": 7})
         made = Cell(one.config | {"system": {"width": width}})
-        store(root, made, rows_of(made, 1), (), source())
+        store_results(root, made, rows_of(made, 1), (), source())
     head, *others = lines(command())
     assert "cost.bump_width" in head
     assert not any(name in head for name in ("planner.horizon", "precision", "note"))
@@ -110,7 +114,7 @@ def test_settings_that_differ_are_shown_and_those_that_do_not_are_not(command, r
 def test_cells_that_no_command_of_today_finds_are_superseded_and_left_out_of_the_export(
     command, cell, root
 ):
-    old = store(root, OTHER, rows_of(OTHER, 3), (), source(algorithm=ALGORITHM_VERSION - 1))
+    old = store_results(root, OTHER, rows_of(OTHER, 3), (), source(algorithm=ALGORITHM_VERSION - 1))
     (line,) = (line for line in lines(command()) if OTHER.id in line)
     assert f"superseded: algorithm {ALGORITHM_VERSION - 1}, today {ALGORITHM_VERSION}" in line
     assert {row["cell"] for row in csv.DictReader(lines(command("export", "--csv")))} == {cell.name}
@@ -166,8 +170,8 @@ def test_bad_input_is_one_line(line, command, cell):
 
 
 def test_a_cell_is_named_by_its_beginning_or_its_folder(command, cell, root):
-    twin = setting(theta=2.0)
-    store(root, twin, rows_of(twin, 1), (), source())
+    twin = cell_of(theta=2.0)
+    store_results(root, twin, rows_of(twin, 1), (), source())
     for word in (CELL.id[:10], CELL.id, str(cell), f"outputs/results/{cell.name}"):
         assert lines(command("show", word))[0] == cell.name
     several = command("show", "belief")
@@ -179,8 +183,10 @@ def test_a_cell_is_named_by_its_beginning_or_its_folder(command, cell, root):
 
 def test_show_says_where_a_cell_comes_from_and_what_went_wrong(command, root):
     run = source(elapsed=5.0)
-    folder = store(root, CELL, [*rows_of(CELL, 10), lost(10), lost(11)], [1e-3, 3e-3], run)
-    store(
+    folder = store_results(
+        root, CELL, [*rows_of(CELL, 10), failed_trial(10), failed_trial(11)], [1e-3, 3e-3], run
+    )
+    store_results(
         root,
         CELL,
         rows_of(CELL, 3, first=12),
@@ -203,13 +209,15 @@ def test_show_says_where_a_cell_comes_from_and_what_went_wrong(command, root):
 
 
 def test_an_export_reads_back_bit_for_bit(command, root, tmp_path):
-    swept = setting(**{"controller.horizon": 7})
+    swept = cell_of(**{"controller.horizon": 7})
     made = [
         one | {"cost": value}
         for one, value in zip(rows_of(swept, len(EXTREMES)), EXTREMES, strict=True)
     ]
-    store(root, swept, [*made, lost(8) | {"error": 'a "b",\nc'}], (), source(dirty=True))
-    store(root, OTHER, rows_of(OTHER, 1), (), source(commit=None))
+    store_results(
+        root, swept, [*made, failed_trial(8) | {"error": 'a "b",\nc'}], (), source(dirty=True)
+    )
+    store_results(root, OTHER, rows_of(OTHER, 1), (), source(commit=None))
     assert lines(command("export", "--csv", "--to", "all.csv")) == ["10 rows of 2 cells in all.csv"]
     with (tmp_path / "all.csv").open(newline="") as file:
         found = list(csv.DictReader(file))
@@ -237,7 +245,9 @@ def merged(said: Said) -> list[str]:
 def test_compaction_keeps_every_result_and_every_source(command, cell):
     store_pictured(cell, 4)
     later = source(started="2025-02-01T00:00:00+00:00", elapsed=1.0)
-    store(cell.parent, CELL, rows_of(CELL, 5, first=30, **{"planner.horizon": 7}), (), later)
+    store_results(
+        cell.parent, CELL, rows_of(CELL, 5, first=30, **{"planner.horizon": 7}), (), later
+    )
     before, paths = read_rows(cell), read_cell(cell).steps
     told = merged(command("compact"))
     assert told[-1].startswith("1 cells: 10 files, ")
@@ -257,9 +267,11 @@ def test_compaction_keeps_every_result_and_every_source(command, cell):
 
 
 def test_compaction_takes_the_longest_time_of_a_run_and_lets_go_of_failed_rows(command, root):
-    folder = store(root, CELL, [*rows_of(CELL, 9), lost(9)], (), source(elapsed=5.0))
-    store(root, CELL, rows_of(CELL, 3, first=20), (), source(elapsed=9.0))
-    store(root, CELL, rows_of(CELL, 2, first=9), (), source(commit="b", elapsed=1.0))
+    folder = store_results(
+        root, CELL, [*rows_of(CELL, 9), failed_trial(9)], (), source(elapsed=5.0)
+    )
+    store_results(root, CELL, rows_of(CELL, 3, first=20), (), source(elapsed=9.0))
+    store_results(root, CELL, rows_of(CELL, 2, first=9), (), source(commit="b", elapsed=1.0))
     merged(command("compact", CELL.id))
     (part,) = folder.glob("part-*")
     about, table = results.read_table(part)
@@ -299,7 +311,7 @@ def test_what_a_run_writes_during_a_compaction_stays(command, cell, monkeypatch)
     write = compaction.write_table
 
     def and_a_run(*args: Any) -> Path:
-        store(cell.parent, CELL, rows_of(CELL, 5, first=40), (), source())
+        store_results(cell.parent, CELL, rows_of(CELL, 5, first=40), (), source())
         return write(*args)
 
     monkeypatch.setattr(compaction, "write_table", and_a_run)
@@ -344,8 +356,8 @@ def test_leftovers_of_killed_writers_go_after_an_hour(command, cell):
 def test_what_cannot_be_read_or_contradicts_itself_is_left_as_it_is(command, cell, root):
     torn = cell / "part-torn.parquet"
     torn.write_bytes(b"PAR1")
-    store(root, OTHER, rows_of(OTHER, 3), (), source())
-    store(root, OTHER, rows_of(OTHER, 2, cost=4.0), (), source())
+    store_results(root, OTHER, rows_of(OTHER, 3), (), source())
+    store_results(root, OTHER, rows_of(OTHER, 2, cost=4.0), (), source())
     before = files_in(root / OTHER.id)
     said = command("compact")
     assert said.code == 0
@@ -409,9 +421,9 @@ BREAKS: dict[str, tuple[Callable[[Path], object], str]] = {
     "another cell's file": (
         lambda cell: shutil.copy(
             next(
-                store(cell.parents[1] / "elsewhere", OTHER, rows_of(OTHER, 1), (), source()).glob(
-                    "part-*"
-                )
+                store_results(
+                    cell.parents[1] / "elsewhere", OTHER, rows_of(OTHER, 1), (), source()
+                ).glob("part-*")
             ),
             cell,
         ),
@@ -456,7 +468,7 @@ def test_verify_finds_what_is_broken(what, command, cell):
 
 def test_what_may_be_there_twice_is_no_problem(command, cell):
     """Rows of two runs at the same time, a failed row beside a good one."""
-    store(
+    store_results(
         cell.parent,
         CELL,
         rows_of(CELL, 3, first=8),
@@ -464,7 +476,7 @@ def test_what_may_be_there_twice_is_no_problem(command, cell):
         source(started="2025-03-01T00:00:00+00:00"),
     )
     results.write_rows(
-        cell, [lost(4) | {"controller": "belief"}], {"config": CELL.config, **source()}
+        cell, [failed_trial(4) | {"controller": "belief"}], {"config": CELL.config, **source()}
     )
     assert lines(command("verify"))[-1].endswith("files checked: all is well")
 

@@ -1,4 +1,4 @@
-"""Table I: its text, its CSV and its LaTeX say what is in the files, whoever failed and whatever is missing."""
+"""Table I as text, CSV and LaTeX agrees with the files, also with failed and missing trials."""
 
 import re
 from pathlib import Path
@@ -12,11 +12,19 @@ from mppi_belief.report.cell_results import CellResults, paired_rows
 from mppi_belief.report.comparison import method_differences
 from mppi_belief.report.elements import write_page_table
 from mppi_belief.report.sections.table_1 import table_1_frame, table_1_latex
-from report_helpers import lost, random_trials, read, rows_on_disk, setting, store, trials
+from report_helpers import (
+    cell_of,
+    failed_trial,
+    random_trials,
+    read_all,
+    rows_on_disk,
+    store_results,
+    trial_rows,
+)
 from study_helpers import row
 
 METHODS = {"belief": (0.0, 56.0), "ce": (0.3, 50.0), "pipf": (0.2, 47.0), "ilqg": (0.25, 46.0)}
-CELLS = {method: setting(method) for method in METHODS}
+CELLS = {method: cell_of(method) for method in METHODS}
 SECONDS = {"belief": 0.018, "ce": 0.013, "pipf": 0.296}  # none of ilqg
 PAPER = {  # Table I
     "MPPI-Belief": ("56.5 ± 5.2", "0.0", "18"),
@@ -29,24 +37,25 @@ NUMBER = r"-?\d+\.\d+"
 
 @pytest.fixture(scope="module")
 def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """200 trials of each method: some failed, some of ce missing, files written in another order than they ran."""
-    path, rng = tmp_path_factory.mktemp("results"), np.random.default_rng(3)
+    """Stores 200 trials of each method; some failed, some of ce are missing, files are shuffled."""
+    path = tmp_path_factory.mktemp("results")
+    rng = np.random.default_rng(3)
     for method, (rate, cost) in METHODS.items():
         numbers = rng.permutation(200)[: 170 if method == "ce" else 200]
         rows = random_trials(rng, numbers, rate, cost)
         bad = {"belief": (3, 77), "pipf": (4, 77, 150)}.get(method, ())
-        rows = [lost(r["trial"]) if r["trial"] in bad else r for r in rows]
+        rows = [failed_trial(r["trial"]) if r["trial"] in bad else r for r in rows]
         seconds = SECONDS[method] * np.arange(90, 111) / 100 if method in SECONDS else []
-        store(path, CELLS[method], rows, list(seconds))
-        store(
+        store_results(path, CELLS[method], rows, list(seconds))
+        store_results(
             path, CELLS[method], [row(trial, cost=1e6, collided=True) for trial in range(200, 205)]
         )  # not asked for
     return path
 
 
 @pytest.fixture(scope="module")
-def founds(root: Path) -> list[CellResults]:
-    return read(root, *CELLS.values())
+def cells(root: Path) -> list[CellResults]:
+    return read_all(root, *CELLS.values())
 
 
 @pytest.fixture(scope="module")
@@ -67,8 +76,8 @@ def clopper_pearson(rows: pd.DataFrame) -> tuple[float, float, float]:
     return 100 * test.statistic, 100 * interval.low, 100 * interval.high
 
 
-def test_the_text_says_what_is_in_the_files(founds, disk):
-    frame = table_1_frame(founds)
+def test_the_text_says_what_is_in_the_files(cells, disk):
+    frame = table_1_frame(cells)
     assert frame["Method"].tolist() == [*PAPER]
     assert frame["Trials"].tolist() == ["198", "170", "197", "200"]
     for (_, line), (method, rows) in zip(frame.iterrows(), disk.items(), strict=True):
@@ -87,12 +96,13 @@ def test_the_text_says_what_is_in_the_files(founds, disk):
     assert frame["Time ms (p95)"].tolist()[-1] == "-"
 
 
-def test_the_csv_has_the_numbers_in_full(founds, disk, tmp_path):
-    write_page_table(tmp_path, "table_1", "Table I", table_1_frame(founds), founds)
+def test_the_csv_has_the_numbers_in_full(cells, disk, tmp_path):
+    write_page_table(tmp_path, "table_1", "Table I", table_1_frame(cells), cells)
     written = pd.read_csv(tmp_path / "table_1.csv")
     assert written["controller"].tolist() == [*METHODS]
     for (_, line), rows in zip(written.iterrows(), disk.values(), strict=True):
-        n, cost = len(rows), rows["cost"]
+        n = len(rows)
+        cost = rows["cost"]
         assert (line["trials"] - line["failed"], line["collisions"]) == (n, rows["collided"].sum())
         np.testing.assert_allclose(
             (line["cost"], line["sd"]), (cost.mean(), cost.std()), rtol=1e-12
@@ -112,17 +122,17 @@ def test_the_csv_has_the_numbers_in_full(founds, disk, tmp_path):
     np.testing.assert_allclose(written["time_p95"], 1.09 * written["time"], rtol=1e-12)
 
 
-def test_markdown_has_a_cell_for_every_column(founds, tmp_path):
-    write_page_table(tmp_path, "table_1", "Table I", table_1_frame(founds), founds)
+def test_markdown_has_a_cell_for_every_column(cells, tmp_path):
+    write_page_table(tmp_path, "table_1", "Table I", table_1_frame(cells), cells)
     head, rule, *lines = (tmp_path / "table_1.md").read_text().splitlines()
-    assert [cell.strip() for cell in head.strip("|").split("|")] == [*table_1_frame(founds).columns]
+    assert [cell.strip() for cell in head.strip("|").split("|")] == [*table_1_frame(cells).columns]
     assert set(rule) == set("| -")
-    cells = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
-    assert cells == table_1_frame(founds).to_numpy().tolist()
+    texts = [[text.strip() for text in line.strip("|").split("|")] for line in lines]
+    assert texts == table_1_frame(cells).to_numpy().tolist()
 
 
 def body_of(latex: str) -> list[list[str]]:
-    """The cells of the rows below \\midrule."""
+    """Returns the texts of the rows below \\midrule."""
     body = latex.partition("\\midrule\n")[2].partition("\\bottomrule")[0]
     return [
         [cell.strip() for cell in line.removesuffix(r"\\").split(" & ")]
@@ -130,22 +140,22 @@ def body_of(latex: str) -> list[list[str]]:
     ]
 
 
-def test_latex_says_what_is_in_the_files(founds, disk):
-    lines = body_of(table_1_latex(founds))
-    assert [cells[0] for cells in lines] == [*PAPER]
-    for cells, (method, rows) in zip(lines, disk.items(), strict=True):
-        assert len(cells) == 7
+def test_latex_says_what_is_in_the_files(cells, disk):
+    lines = body_of(table_1_latex(cells))
+    assert [texts[0] for texts in lines] == [*PAPER]
+    for texts, (method, rows) in zip(lines, disk.items(), strict=True):
+        assert len(texts) == 7
         np.testing.assert_allclose(
-            numbers_in(cells[1]), (rows["cost"].mean(), rows["cost"].std()), atol=0.0501
+            numbers_in(texts[1]), (rows["cost"].mean(), rows["cost"].std()), atol=0.0501
         )
-        np.testing.assert_allclose(numbers_in(cells[2]), clopper_pearson(rows), atol=0.0501)
-        assert cells[3] == (f"{1e3 * SECONDS[method]:.1f}" if method in SECONDS else "--")
-        cost, rate, ms = PAPER[cells[0]]
-        assert cells[4:] == [f"${cost.replace('±', chr(92) + 'pm')}$", rf"{rate}\%", ms]
+        np.testing.assert_allclose(numbers_in(texts[2]), clopper_pearson(rows), atol=0.0501)
+        assert texts[3] == (f"{1e3 * SECONDS[method]:.1f}" if method in SECONDS else "--")
+        cost, rate, ms = PAPER[texts[0]]
+        assert texts[4:] == [f"${cost.replace('±', chr(92) + 'pm')}$", rf"{rate}\%", ms]
 
 
 def assert_sound(latex: str) -> None:
-    """Braces, environments and mathematics are closed, the rules are those of booktabs, rows fill the columns."""
+    """Checks that braces, environments and mathematics are closed; rows fill the columns."""
     depth = 0
     for brace in re.findall(r"(?<!\\)[{}]", latex):
         depth += 1 if brace == "{" else -1
@@ -172,19 +182,19 @@ def assert_sound(latex: str) -> None:
         assert outside.isascii()
 
 
-def test_latex_is_sound(founds):
-    assert_sound(table_1_latex(founds))
-    assert_sound(table_1_latex(read(Path("nowhere"), setting("ce"))))
+def test_latex_is_sound(cells):
+    assert_sound(table_1_latex(cells))
+    assert_sound(table_1_latex(read_all(Path("nowhere"), cell_of("ce"))))
 
 
 def test_latex_is_sound_for_a_method_of_a_users_own(tmp_path):
-    cell = setting("my_controller")
-    store(tmp_path, cell, trials(5))
-    assert_sound(table_1_latex(read(tmp_path, cell)))
+    cell = cell_of("my_controller")
+    store_results(tmp_path, cell, trial_rows(5))
+    assert_sound(table_1_latex(read_all(tmp_path, cell)))
 
 
-def test_methods_are_compared_over_the_good_trials_that_both_have(founds, disk):
-    frame = method_differences(founds)
+def test_methods_are_compared_over_the_good_trials_that_both_have(cells, disk):
+    frame = method_differences(cells)
     assert frame["Difference"].tolist() == [
         f"MPPI-Belief - {name}" for name in ("CE-MPPI", "PIPF", "EKF-iLQG")
     ]
@@ -196,7 +206,7 @@ def test_methods_are_compared_over_the_good_trials_that_both_have(founds, disk):
         cost = both["cost_1"] - both["cost_2"]
         value, low, high = numbers_in(line["Cost [95 %]"])
         assert value == pytest.approx(cost.mean(), abs=0.00501)
-        # the bootstrap's interval of nearly normal differences is nearly the normal one: 1.96 to 5 %
+        # The bootstrap interval of nearly normal differences is nearly the normal one, to 5 %.
         half = 1.96 * cost.sem()
         np.testing.assert_allclose(
             (low, high), (cost.mean() - half, cost.mean() + half), atol=0.1 * half
@@ -211,39 +221,42 @@ def test_methods_are_compared_over_the_good_trials_that_both_have(founds, disk):
 
 
 def test_pairs_are_made_by_trial_and_not_by_place(tmp_path):
-    first, second = setting("belief"), setting("ce")
+    first = cell_of("belief")
+    second = cell_of("ce")
     costs = dict(enumerate([60.0, 50.0, 41.0, 33.0, 26.0, 20.0]))
-    store(tmp_path, first, [row(trial, cost=cost) for trial, cost in costs.items()])
+    store_results(tmp_path, first, [row(trial, cost=cost) for trial, cost in costs.items()])
     rows = [row(trial, cost=cost - trial) for trial, cost in costs.items() if trial != 1]
-    store(tmp_path, second, [*rows[::-1], lost(1)])
-    founds = read(tmp_path, first, second)
-    one, other = paired_rows(*founds)
-    assert one.index.tolist() == other.index.tolist() == [0, 2, 3, 4, 5]
-    assert (one["cost"] - other["cost"]).tolist() == [0, 2, 3, 4, 5]
-    (line,) = method_differences(founds).to_dict("records")
+    store_results(tmp_path, second, [*rows[::-1], failed_trial(1)])
+    cells = read_all(tmp_path, first, second)
+    first_rows, second_rows = paired_rows(*cells)
+    assert first_rows.index.tolist() == second_rows.index.tolist() == [0, 2, 3, 4, 5]
+    assert (first_rows["cost"] - second_rows["cost"]).tolist() == [0, 2, 3, 4, 5]
+    (line,) = method_differences(cells).to_dict("records")
     assert line["Pairs"] == "5"
     assert line["Cost [95 %]"].startswith("2.80 [")
     assert line["McNemar p"] == "1"
 
 
 def test_without_common_trials_or_without_a_reference_nothing_is_claimed(tmp_path):
-    first, second = setting("belief"), setting("ce")
-    store(tmp_path, first, [row(trial) for trial in range(5)])
-    store(tmp_path, second, [row(trial) for trial in range(5, 9)])
-    founds = read(tmp_path, first, second)
-    (line,) = method_differences(founds).to_dict("records")
+    first = cell_of("belief")
+    second = cell_of("ce")
+    store_results(tmp_path, first, [row(trial) for trial in range(5)])
+    store_results(tmp_path, second, [row(trial) for trial in range(5, 9)])
+    cells = read_all(tmp_path, first, second)
+    (line,) = method_differences(cells).to_dict("records")
     assert [*line.values()][1:] == ["0", "-", "-", "-"]
-    assert method_differences(founds[1:]).empty
-    assert method_differences(founds[:1]).empty
+    assert method_differences(cells[1:]).empty
+    assert method_differences(cells[:1]).empty
 
 
 def test_a_table_of_nothing_and_of_failures_can_be_written(tmp_path):
-    empty, broken = setting("belief"), setting("ce")
-    store(tmp_path, broken, [lost(0), lost(1)])
-    founds = read(tmp_path, empty, broken)
-    frame = table_1_frame(founds)
+    empty = cell_of("belief")
+    broken = cell_of("ce")
+    store_results(tmp_path, broken, [failed_trial(0), failed_trial(1)])
+    cells = read_all(tmp_path, empty, broken)
+    frame = table_1_frame(cells)
     assert frame["Trials"].tolist() == ["0", "0"]
     assert set(frame[["Cost", "Collision %", "Time ms (p95)"]].to_numpy().ravel()) == {"-"}
-    assert [cells[1:4] for cells in body_of(table_1_latex(founds))] == [["--"] * 3] * 2
-    write_page_table(tmp_path, "table_1", "Table I", frame, founds)
+    assert [texts[1:4] for texts in body_of(table_1_latex(cells))] == [["--"] * 3] * 2
+    write_page_table(tmp_path, "table_1", "Table I", frame, cells)
     assert pd.read_csv(tmp_path / "table_1.csv")["failed"].tolist() == [0, 2]

@@ -27,9 +27,12 @@ from mppi_belief.report.figures import plane, points, style
 from mppi_belief.results.columns import COLUMNS, PATH_COLUMNS
 from study_helpers import config, failed_row, row
 
-STEPS, DT = 14, 0.1
-OBSTACLES, RADIUS = [[3.0, 1.0], [3.0, -1.0]], 0.65
-X, Y = np.linspace(-3, 11, 15), np.linspace(-5, 6, 12)
+STEPS = 14
+DT = 0.1
+OBSTACLES = [[3.0, 1.0], [3.0, -1.0]]
+RADIUS = 0.65
+X = np.linspace(-3, 11, 15)
+Y = np.linspace(-5, 6, 12)
 NOISE = {
     "x": X.tolist(),
     "y": Y.tolist(),
@@ -51,10 +54,10 @@ MATCHING = {
 
 
 def cell(method: str = "belief", theta: float = 1.0, w_obs: float = 500.0, **swept: Any) -> Cell:
-    made = config()
-    names = made["names"] | {"controller": method}
+    configuration = config()
+    names = configuration["names"] | {"controller": method}
     return Cell(
-        made
+        configuration
         | {
             "names": names,
             "swept": swept,
@@ -67,16 +70,21 @@ def cell(method: str = "belief", theta: float = 1.0, w_obs: float = 500.0, **swe
 def judged(n: int, hits: int, rng: np.random.Generator) -> list[dict[str, Any]]:
     numbers = {"cost": (50, 5), "clearance": (0.5, 0.1), "ess": (20, 3)}
     return [
-        row(k, collided=k < hits, **{name: rng.normal(*at) for name, at in numbers.items()})
+        row(
+            k,
+            collided=k < hits,
+            **{name: rng.normal(mean, sd) for name, (mean, sd) in numbers.items()},
+        )
         for k in range(n)
     ]
 
 
 def steps(trial: int, nx: int = 4) -> list[dict[str, Any]]:
-    """A path past the obstacles, or for trial 0 through one; a belief beside it that turns and grows."""
-    found = []
+    """Returns a path past the obstacles (trial 0: through one) and a turning, growing belief."""
+    path = []
     for k in range(STEPS + 1):
-        part, angle = k / STEPS, 0.3 * k
+        part = k / STEPS
+        angle = 0.3 * k
         state = np.array([1 + 6 * part, 1 - part + 0.2 * trial, 0.1, 0.2])[:nx]
         turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
         cov = np.eye(4)
@@ -87,19 +95,20 @@ def steps(trial: int, nx: int = 4) -> list[dict[str, Any]]:
             "cov": cov[:nx, :nx].ravel(),
             "control": np.zeros(2),
         }
-        found.append({"trial": trial, "step": k, **parts})
-    return found
+        path.append({"trial": trial, "step": k, **parts})
+    return path
 
 
 def recording(trial: int = 0, samples: bool = True) -> dict[str, Any]:
     rng = np.random.default_rng(7)
-    ahead = np.cumsum(rng.normal(0.3, 0.2, size=(STEPS, 8, 5, 2)), axis=2) + 1
-    kept = {"position": ahead.tolist(), "weight": rng.dirichlet(np.ones(8), size=STEPS).tolist()}
-    return {"trial": trial, "samples": kept if samples else None, "matching": MATCHING}
+    positions = np.cumsum(rng.normal(0.3, 0.2, size=(STEPS, 8, 5, 2)), axis=2) + 1
+    weights = rng.dirichlet(np.ones(8), size=STEPS)
+    sampled = {"position": positions.tolist(), "weight": weights.tolist()}
+    return {"trial": trial, "samples": sampled if samples else None, "matching": MATCHING}
 
 
-def found(
-    at: Cell | None = None,
+def cell_with(
+    configured: Cell | None = None,
     n: int = 20,
     hits: int = 3,
     kept: int = 0,
@@ -109,16 +118,22 @@ def found(
     bad: Sequence[dict[str, Any]] = (),
     seed: int = 0,
 ) -> CellResults:
-    """A cell with n good trials, `kept` of them with paths, and some bad ones."""
+    """Returns a cell with n good trials, `kept` of them with paths, and some bad ones."""
     rows = pd.DataFrame(
         [*judged(n, hits, np.random.default_rng(seed)), *bad], columns=list(COLUMNS)
     )
     nx = 4 if scene is None else 2 * len(scene["start"])
-    paths = pd.DataFrame(
-        [step for trial in range(kept) for step in steps(trial, nx)], columns=PATH_COLUMNS
-    )
+    path_rows = itertools.chain.from_iterable(steps(trial, nx) for trial in range(kept))
+    paths = pd.DataFrame(list(path_rows), columns=PATH_COLUMNS)
     return CellResults(
-        at or cell(), n + len(bad), rows, paths, scene if kept else None, list(seconds), record, []
+        configured or cell(),
+        n + len(bad),
+        rows,
+        paths,
+        scene if kept else None,
+        list(seconds),
+        record,
+        [],
     )
 
 
@@ -128,9 +143,9 @@ BAD = (
 )
 
 
-def drawn(axes: Axes) -> dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """By label: points (n, 2), lower and upper ends of their bars."""
-    found = {}
+def drawn_series(axes: Axes) -> dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """Returns by label the points (n, 2) and the lower and upper ends of their bars."""
+    series = {}
     for bars in axes.containers:
         assert isinstance(bars, ErrorbarContainer)
         line, _, (segments,) = bars.lines
@@ -138,8 +153,8 @@ def drawn(axes: Axes) -> dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]:
         low, high = (
             np.array([end if len(end) == 2 else [np.nan, np.nan] for end in ends]).reshape(-1, 2).T
         )
-        found[bars.get_label()] = (line.get_xydata(), low, high)
-    return found
+        series[bars.get_label()] = (line.get_xydata(), low, high)
+    return series
 
 
 def rate(hits: int, n: int) -> tuple[float, float, float]:
@@ -191,14 +206,14 @@ def test_every_method_has_its_own_colour_marker_and_line():
 
 
 def test_text_is_legible_in_a_column():
-    figure = figures.figure_2([found()])
+    figure = figures.figure_2([cell_with()])
     sizes = {text.get_fontsize() for text in figure.findobj(mpl.text.Text) if text.get_text()}
     assert figure.get_figwidth() == 3.5
     assert min(sizes) >= 7
 
 
 def many(methods: int) -> list[CellResults]:
-    return [found(cell(method), kept=1, hits=0) for method in [*style.METHOD_LOOKS][:methods]]
+    return [cell_with(cell(method), kept=1, hits=0) for method in [*style.METHOD_LOOKS][:methods]]
 
 
 @pytest.mark.parametrize(
@@ -231,7 +246,7 @@ def test_no_text_is_cut_off_or_written_over_another(draw, methods):
 
 def test_the_same_results_are_the_same_bytes(tmp_path):
     for folder in ("one", "two"):
-        figure = figures.figure_1([found(kept=2)])
+        figure = figures.figure_1([cell_with(kept=2)])
         assert figures.save_png_and_pdf(figure, tmp_path / folder, "fig") == ["fig.png", "fig.pdf"]
     for name in ("fig.png", "fig.pdf"):
         one, two = ((tmp_path / folder / name).read_bytes() for folder in ("one", "two"))
@@ -268,12 +283,12 @@ def ellipses(axes: Axes) -> list[Ellipse]:
 
 
 def test_figure_1_has_a_panel_a_method_in_order_with_the_rate_of_all_good_trials():
-    founds = [
-        found(cell("ilqg"), n=40, hits=9, kept=3, bad=BAD),
-        found(n=40, hits=1, kept=3),
-        found(cell("mine"), kept=1),
+    cells = [
+        cell_with(cell("ilqg"), n=40, hits=9, kept=3, bad=BAD),
+        cell_with(n=40, hits=1, kept=3),
+        cell_with(cell("mine"), kept=1),
     ]
-    figure = figures.figure_1(founds)
+    figure = figures.figure_1(cells)
     titles = ["MPPI-Belief, 2.5 % collide", "EKF-iLQG, 22.5 % collide", "mine, 15.0 % collide"]
     assert [axes.get_title() for axes in panels(figure)] == titles
     assert len({(axes.get_xlim(), axes.get_ylim()) for axes in panels(figure)}) == 1
@@ -281,7 +296,7 @@ def test_figure_1_has_a_panel_a_method_in_order_with_the_rate_of_all_good_trials
 
 
 def test_paths_are_those_of_the_trials_and_those_that_collide_are_set_apart():
-    axes = panels(figures.figure_1([found(cell("pipf"), hits=2, kept=3)]))[0]
+    axes = panels(figures.figure_1([cell_with(cell("pipf"), hits=2, kept=3)]))[0]
     lines = trial_lines(axes)
     assert [to_hex(line.get_color()).upper() for line in lines] == [
         style.ORANGE,
@@ -300,7 +315,7 @@ def test_paths_are_those_of_the_trials_and_those_that_collide_are_set_apart():
     ("record", "trial"), [(None, 0), (1, 1), (7, 0)], ids=["not recorded", "recorded", "lost"]
 )
 def test_ellipses_are_two_standard_deviations_of_one_trial(record, trial):
-    given = found(kept=3, record=None if record is None else recording(record))
+    given = cell_with(kept=3, record=None if record is None else recording(record))
     axes = panels(figures.figure_1([given]))[0]
     chosen = steps(trial)[::6]
     assert len(ellipses(axes)) == len(chosen) == 3
@@ -319,7 +334,7 @@ def test_ellipses_are_two_standard_deviations_of_one_trial(record, trial):
 
 
 def test_shading_is_sigma_o_with_one_bar():
-    figure = figures.figure_1([found(kept=1), found(cell("ce"), kept=2)])
+    figure = figures.figure_1([cell_with(kept=1), cell_with(cell("ce"), kept=2)])
     meshes = [axes.collections[0] for axes in panels(figure)]
     assert [mesh.get_clim() for mesh in meshes] == [meshes[0].get_clim()] * 2
     low, high = panels(figure)[0].get_xlim()
@@ -330,22 +345,23 @@ def test_shading_is_sigma_o_with_one_bar():
 
 
 def test_failed_trials_lines_and_cells_without_paths_are_left_out():
-    diverged = found(n=2, hits=0, kept=3, bad=[row(2, status="diverged", cost=math.inf)])
+    diverged = cell_with(n=2, hits=0, kept=3, bad=[row(2, status="diverged", cost=math.inf)])
     wild = diverged.paths["trial"] == 2
     diverged.paths.loc[wild, "state"] = pd.Series(
         [np.full(4, np.inf)] * wild.sum(), index=diverged.paths.index[wild]
     )
-    line, bare = found(cell("lqg"), kept=2, scene=LINE), found(cell("ce"))
+    line = cell_with(cell("lqg"), kept=2, scene=LINE)
+    bare = cell_with(cell("ce"))
     figure = figures.figure_1([line, diverged, bare])
     assert [axes.get_title() for axes in panels(figure)] == ["MPPI-Belief, 0.0 % collide"]
     assert len(trial_lines(panels(figure)[0])) == 2
     assert figures.figure_1([line, bare]) is None
     assert figures.figure_1([]) is None
-    assert figures.figure_1([found(n=0, kept=1)]) is None
+    assert figures.figure_1([cell_with(n=0, kept=1)]) is None
 
 
 def test_a_belief_that_is_not_finite_has_no_ellipse():
-    given = found(kept=1)
+    given = cell_with(kept=1)
     given.paths.at[6, "cov"] = np.full(16, np.nan)
     assert len(ellipses(panels(figures.figure_1([given]))[0])) == 2
 
@@ -355,7 +371,7 @@ SETTINGS = tuple(itertools.product(("ilqg", "belief"), (100.0, 1000.0, 10000.0))
 
 def weights(n: int = 12) -> list[CellResults]:
     return [
-        found(cell(method, w_obs=w), n=n, hits=k, bad=BAD, seed=k)
+        cell_with(cell(method, w_obs=w), n=n, hits=k, bad=BAD, seed=k)
         for k, (method, w) in enumerate(SETTINGS)
     ]
 
@@ -363,16 +379,16 @@ def weights(n: int = 12) -> list[CellResults]:
 def test_figure_2_shows_rates_costs_and_their_intervals():
     given = weights()
     rates, costs = figures.figure_2(given[::-1]).axes
-    assert [*drawn(rates)] == [*drawn(costs)] == ["MPPI-Belief", "EKF-iLQG"]
-    agree(drawn(rates)["EKF-iLQG"], [rate(k, 12) for k in range(3)])
-    agree(drawn(rates)["MPPI-Belief"], [rate(k, 12) for k in range(3, 6)])
-    agree(drawn(costs)["EKF-iLQG"], [mean(one.rows["cost"][:12]) for one in given[:3]])
-    agree(drawn(costs)["MPPI-Belief"], [mean(one.rows["cost"][:12]) for one in given[3:]])
+    assert [*drawn_series(rates)] == [*drawn_series(costs)] == ["MPPI-Belief", "EKF-iLQG"]
+    agree(drawn_series(rates)["EKF-iLQG"], [rate(k, 12) for k in range(3)])
+    agree(drawn_series(rates)["MPPI-Belief"], [rate(k, 12) for k in range(3, 6)])
+    agree(drawn_series(costs)["EKF-iLQG"], [mean(one.rows["cost"][:12]) for one in given[:3]])
+    agree(drawn_series(costs)["MPPI-Belief"], [mean(one.rows["cost"][:12]) for one in given[3:]])
 
 
 def test_points_stand_beside_each_other_at_their_weight():
     axes = figures.figure_2(weights()).axes[0]
-    x = np.array([line[0][:, 0] for line in drawn(axes).values()])
+    x = np.array([line[0][:, 0] for line in drawn_series(axes).values()])
     np.testing.assert_allclose(np.sqrt(x[0] * x[1]), [100, 1000, 10000])
     assert np.all(x[1] / x[0] > 1.03)
     assert np.all(x[1] / x[0] < 1.2)
@@ -393,30 +409,32 @@ def test_what_the_paper_says_is_marked():
 
 @pytest.mark.parametrize("n", [1, 3])
 def test_few_trials(n):
-    _, costs = figures.figure_2([found(n=n, hits=0)]).axes
-    points, low, _ = drawn(costs)["MPPI-Belief"]
+    _, costs = figures.figure_2([cell_with(n=n, hits=0)]).axes
+    points, low, _ = drawn_series(costs)["MPPI-Belief"]
     assert len(points) == 1
     assert np.isfinite(low).all() == (n > 1)
 
 
 def test_cells_without_trials_or_weight_are_left_out():
     given = [
-        found(),
-        found(cell("ce"), n=0, hits=0, bad=BAD),
-        found(cell("lqg", w_obs=math.nan)),
-        found(cell(w_obs=0.0)),
+        cell_with(),
+        cell_with(cell("ce"), n=0, hits=0, bad=BAD),
+        cell_with(cell("lqg", w_obs=math.nan)),
+        cell_with(cell(w_obs=0.0)),
     ]
-    assert len(drawn(figures.figure_2(given).axes[0])["MPPI-Belief"][0]) == 1
+    assert len(drawn_series(figures.figure_2(given).axes[0])["MPPI-Belief"][0]) == 1
     assert legend(figures.figure_2(given)) == ["MPPI-Belief", "paper"]
     assert figures.figure_2(given[1:]) is None
     assert figures.figure_2([]) is None
 
 
 def test_the_theta_figure_shows_rates_clearances_and_costs_beside_the_papers():
-    given = [found(cell(theta=theta), hits=k, seed=k) for k, theta in enumerate([2.0, 0.0, 1.0])]
+    given = [
+        cell_with(cell(theta=theta), hits=k, seed=k) for k, theta in enumerate([2.0, 0.0, 1.0])
+    ]
     figure = figures.theta_figure(given)
     order = [given[1], given[2], given[0]]
-    lines = [drawn(axes)["MPPI-Belief"] for axes in figure.axes]
+    lines = [drawn_series(axes)["MPPI-Belief"] for axes in figure.axes]
     assert len(lines) == 3
     assert all(line[0][:, 0].tolist() == [0, 1, 2] for line in lines)
     agree(lines[0], [rate(k, 20) for k in (1, 2, 0)])
@@ -434,17 +452,20 @@ def test_the_theta_figure_shows_rates_clearances_and_costs_beside_the_papers():
 
 
 def test_no_theta_no_figure():
-    assert figures.theta_figure([found(cell("ce", theta=math.nan)), found(n=0, hits=0)]) is None
+    assert (
+        figures.theta_figure([cell_with(cell("ce", theta=math.nan)), cell_with(n=0, hits=0)])
+        is None
+    )
 
 
 def test_no_obstacles_no_clearance():
-    given = found()
+    given = cell_with()
     given.rows["clearance"] = math.inf
-    assert drawn(figures.theta_figure([given]).axes[1])["MPPI-Belief"][0].size == 0
+    assert drawn_series(figures.theta_figure([given]).axes[1])["MPPI-Belief"][0].size == 0
 
 
 def test_a_method_has_its_colour_in_every_figure():
-    given = [found(cell(method), kept=2, hits=0) for method in ("belief", "ce", "mine")]
+    given = [cell_with(cell(method), kept=2, hits=0) for method in ("belief", "ce", "mine")]
     expected = {one.name: to_hex(style.method_look(one.method).colour) for one in given}
     for figure in (figures.figure_2(given), figures.theta_figure(given)):
         assert colours(figure.axes[0]) == expected
@@ -456,7 +477,7 @@ def test_a_method_has_its_colour_in_every_figure():
 
 
 def test_residuals_over_time_with_the_papers_value():
-    figure = figures.residual_figure(found(kept=1, record=recording()))
+    figure = figures.residual_figure(cell_with(kept=1, record=recording()))
     best, imposed = figure.axes
     for axes, which in ((best, "optimum"), (imposed, "imposed")):
         for line, reading in zip(axes.lines, ("sample", "intensity"), strict=False):
@@ -473,17 +494,17 @@ def test_residuals_over_time_with_the_papers_value():
 
 def test_a_controller_without_temperature_and_a_line_have_one_panel():
     alone = {name: {"optimum": curve["optimum"]} for name, curve in MATCHING.items()}
-    given = found(kept=1, scene=LINE, record={"trial": 0, "samples": None, "matching": alone})
+    given = cell_with(kept=1, scene=LINE, record={"trial": 0, "samples": None, "matching": alone})
     assert len(figures.residual_figure(given).axes) == 1
 
 
 @pytest.mark.parametrize(
     "given",
     [
-        found(),
-        found(kept=1),
-        found(record=recording()),
-        found(kept=1, record={"trial": 0, "matching": {}}),
+        cell_with(),
+        cell_with(kept=1),
+        cell_with(record=recording()),
+        cell_with(kept=1, record={"trial": 0, "matching": {}}),
     ],
 )
 def test_no_residual_no_figure(given):
@@ -492,7 +513,7 @@ def test_no_residual_no_figure(given):
 
 def sampled(horizon: int, samples: int, **more: Any) -> CellResults:
     swept = {"planner.horizon": horizon, "planner.n_samples": samples}
-    return found(cell(**swept), seed=horizon + samples, **more)
+    return cell_with(cell(**swept), seed=horizon + samples, **more)
 
 
 def test_samples_and_horizon_a_line_a_horizon_in_four_panels():
@@ -501,8 +522,8 @@ def test_samples_and_horizon_a_line_a_horizon_in_four_panels():
         sampled(h, n, hits=h // 10, seconds=times * h)
         for h, n in itertools.product((30, 15), (500, 50, 150))
     ]
-    figure = figures.ess_figure([*given, found()])
-    ess, rates, costs, time = (drawn(axes)["$H = 15$"] for axes in figure.axes)
+    figure = figures.ess_figure([*given, cell_with()])
+    ess, rates, costs, time = (drawn_series(axes)["$H = 15$"] for axes in figure.axes)
     order = [given[4], given[5], given[3]]
     agree(ess, [mean(one.rows["ess"]) for one in order])
     agree(costs, [mean(one.rows["cost"]) for one in order])
@@ -516,20 +537,23 @@ def test_samples_and_horizon_a_line_a_horizon_in_four_panels():
 def test_without_times_or_weights_their_panels_stay_empty():
     given = sampled(30, 500)
     given.rows["ess"] = math.nan
-    sizes = [drawn(axes)["$H = 30$"][0].shape[0] for axes in figures.ess_figure([given]).axes]
+    sizes = [
+        drawn_series(axes)["$H = 30$"][0].shape[0] for axes in figures.ess_figure([given]).axes
+    ]
     assert sizes == [0, 1, 1, 0]
-    assert figures.ess_figure([found(), sampled(30, 50, n=0, hits=0)]) is None
+    assert figures.ess_figure([cell_with(), sampled(30, 50, n=0, hits=0)]) is None
 
 
 def test_the_interval_of_a_median_covers_as_often_as_it_says():
-    n, repeats = 60, 1000
+    n = 60
+    repeats = 1000
     draws = np.random.default_rng(3).exponential(size=(repeats, n))
-    given = found()
+    given = cell_with()
     intervals = np.array([points.step_time(given._replace(seconds=draw)) for draw in draws]) / 1e3
     np.testing.assert_allclose(intervals[:, 0], np.median(draws, axis=1))
     covered = np.mean((intervals[:, 1] <= math.log(2)) & (intervals[:, 2] >= math.log(2)))
     assert 0.95 - 4 * math.sqrt(0.05 * 0.95 / repeats) < covered < 0.985
-    assert math.isnan(points.step_time(found(seconds=[1e-3])).low)
+    assert math.isnan(points.step_time(cell_with(seconds=[1e-3])).low)
 
 
 def frames(path: Path) -> tuple[list[np.ndarray], list[int]]:
@@ -552,7 +576,8 @@ def close(picture: np.ndarray, colour: str) -> int:
 def test_an_animation_has_a_frame_a_step_that_goes_on_and_says_when_it_collides(tmp_path):
     target = tmp_path / "trial.gif"
     assert figures.write_animation(
-        [found(cell("ce"), kept=1, record=recording()), found(kept=1, record=recording())], target
+        [cell_with(cell("ce"), kept=1, record=recording()), cell_with(kept=1, record=recording())],
+        target,
     )
     pictures, durations = frames(target)
     assert len(pictures) == STEPS + 1
@@ -573,19 +598,19 @@ def test_an_animation_has_a_frame_a_step_that_goes_on_and_says_when_it_collides(
 
 def test_long_trials_are_thinned(tmp_path, monkeypatch):
     monkeypatch.setattr("mppi_belief.report.figures.animation.FRAMES", 4)
-    assert figures.write_animation([found(kept=1, record=recording())], tmp_path / "trial.gif")
+    assert figures.write_animation([cell_with(kept=1, record=recording())], tmp_path / "trial.gif")
     assert len(frames(tmp_path / "trial.gif")[0]) == 5
 
 
 @pytest.mark.parametrize(
     "given",
     [
-        found(kept=1),
-        found(record=recording()),
-        found(kept=1, record=recording(samples=False)),
-        found(kept=1, record=recording(5)),
-        found(kept=1, scene=LINE, record=recording()),
-        found(n=0, hits=0, kept=1, record=recording()),
+        cell_with(kept=1),
+        cell_with(record=recording()),
+        cell_with(kept=1, record=recording(samples=False)),
+        cell_with(kept=1, record=recording(5)),
+        cell_with(kept=1, scene=LINE, record=recording()),
+        cell_with(n=0, hits=0, kept=1, record=recording()),
     ],
     ids=["no recording", "no paths", "no samples", "another trial", "a line", "a failed trial"],
 )

@@ -13,48 +13,51 @@ from mppi_belief.report import figures
 from mppi_belief.report.cell_results import CellResults
 from mppi_belief.report.sections import nonlinearity, study_sections
 from mppi_belief.report.statistics import chi_square_band
-from report_helpers import held, setting, spread_out
+from report_helpers import cell_of, results_of, spread_values
 from study_helpers import row
 
 pytestmark = pytest.mark.long
 
-N, STEPS, NX, NY = 40, 60, 4, 2
+N = 40
+STEPS = 60
+NX = 4
+NY = 2
 
 
 def cell(
     filter: str, curvature: float, nees: float, nis: float, loss: float = 1.5, recorded: bool = True
 ) -> CellResults:
-    """A cell of `system=bent` whose means are these; the oracle costs `loss` less, trial by trial."""
-    made = setting(**{"filter": filter, "system.curvature": curvature}).config
-    config = made | {
-        "names": made["names"] | {"filter": filter, "system": "bent"},
+    """Returns a cell of `system=bent` with these means; the oracle costs `loss` less per trial."""
+    base = cell_of(**{"filter": filter, "system.curvature": curvature}).config
+    config = base | {
+        "names": base["names"] | {"filter": filter, "system": "bent"},
         "system": {"curvature": curvature},
     }
-    columns = zip(spread_out(N, NX * nees, 0.4), spread_out(N, NY * nis, 0.05), strict=True)
+    columns = zip(spread_values(N, NX * nees, 0.4), spread_values(N, NY * nis, 0.05), strict=True)
     rows = [
         row(i, cost=40 + i + loss, nees=e, nis=d, steps=STEPS) for i, (e, d) in enumerate(columns)
     ]
-    told = {
+    notes = {
         "tangent": {
             "part": [0.1 * curvature, None, 0.3 * curvature],
             "states": NX,
             "measurements": NY,
         }
     }
-    return held(Cell(config), rows)._replace(recording=told if recorded else None)
+    return results_of(Cell(config), rows)._replace(recording=notes if recorded else None)
 
 
 def oracle() -> CellResults:
-    made = setting("oracle").config
-    config = made | {
-        "names": made["names"] | {"filter": "ekf", "system": "bent"},
+    base = cell_of("oracle").config
+    config = base | {
+        "names": base["names"] | {"filter": "ekf", "system": "bent"},
         "system": {"curvature": 1.0},
     }
-    return held(Cell(config), [row(i, cost=40.0 + i) for i in range(N)])
+    return results_of(Cell(config), [row(i, cost=40.0 + i) for i in range(N)])
 
 
 @pytest.fixture
-def founds() -> list[CellResults]:
+def cells() -> list[CellResults]:
     return [
         oracle(),
         cell("ukf", 1.0, 1.0, 1.0),
@@ -72,28 +75,28 @@ def test_bands_are_those_of_chi_square():
     assert (nees, nis) == (chi_square_band(NX * N), chi_square_band(NY * N * STEPS))
 
 
-def test_every_cell_is_a_point_with_its_residual_and_its_loss(founds):
-    shown = nonlinearity.consistency_points(founds)
-    assert [(point.filter, point.curvature) for point in shown] == [
+def test_every_cell_is_a_point_with_its_residual_and_its_loss(cells):
+    points = nonlinearity.consistency_points(cells)
+    assert [(point.filter, point.curvature) for point in points] == [
         ("ekf", 0),
         ("ekf", 1),
         ("ekf", 2),
         ("ukf", 1),
     ]
-    assert [point.residual for point in shown] == pytest.approx([0, 0.2, 0.4, 0.2])
-    assert [point.nees.value for point in shown] == pytest.approx([1, 1.6, 1, 1])
-    assert [point.nis.value for point in shown] == pytest.approx([1, 1, 0.9, 1])
-    assert [point.loss.value for point in shown] == pytest.approx([1.5, 2.5, 1.5, 1.5])
+    assert [point.residual for point in points] == pytest.approx([0, 0.2, 0.4, 0.2])
+    assert [point.nees.value for point in points] == pytest.approx([1, 1.6, 1, 1])
+    assert [point.nis.value for point in points] == pytest.approx([1, 1, 0.9, 1])
+    assert [point.loss.value for point in points] == pytest.approx([1.5, 2.5, 1.5, 1.5])
 
 
-def test_either_statistic_off_its_band_is_inconsistent(founds):
-    assert [point.consistent for point in nonlinearity.consistency_points(founds)] == [
+def test_either_statistic_off_its_band_is_inconsistent(cells):
+    assert [point.consistent for point in nonlinearity.consistency_points(cells)] == [
         True,
         False,
         False,
         True,
     ]
-    ekf, ukf = nonlinearity.verdicts(nonlinearity.consistency_points(founds))
+    ekf, ukf = nonlinearity.verdicts(nonlinearity.consistency_points(cells))
     assert "not consistent at curvature 1 (NEES 1.60 [1.57, 1.63]), 2 (" in ekf
     assert "2.50 [2.50, 2.50] at 1" in ekf
     assert "UKF on bent: consistent at every curvature" in ukf
@@ -101,9 +104,9 @@ def test_either_statistic_off_its_band_is_inconsistent(founds):
 
 def test_a_mean_that_a_few_lost_trials_make_is_not_consistent_however_wide_its_interval():
     """NEES of 2 trials out of 40 a thousand times what it should be."""
-    found = cell("ekf", 1.0, 1.0, 1.0)
-    found.rows.loc[:1, "nees"] = 4000.0
-    (point,) = nonlinearity.consistency_points([oracle(), found])
+    spoiled = cell("ekf", 1.0, 1.0, 1.0)
+    spoiled.rows.loc[:1, "nees"] = 4000.0
+    (point,) = nonlinearity.consistency_points([oracle(), spoiled])
     assert point.nees.low < 1
     assert not point.consistent
     assert (point.lost.value, point.lost.high) == pytest.approx((0.05, 0.16920), abs=1e-4)
@@ -122,19 +125,19 @@ def test_without_an_oracle_or_a_recording_there_is_less_to_say():
     ] == ["-"] * 5
 
 
-def test_the_section_has_a_table_for_people_and_one_for_machines(founds, tmp_path):
-    (made,) = study_sections({"nonlinearity": founds}, tmp_path)
-    assert made.title.startswith("Consistency")
-    assert list(made.tables[0].frame["Filter"]) == ["EKF", "EKF", "EKF", "UKF"]
+def test_the_section_has_a_table_for_people_and_one_for_machines(cells, tmp_path):
+    (base,) = study_sections({"nonlinearity": cells}, tmp_path)
+    assert base.title.startswith("Consistency")
+    assert list(base.tables[0].frame["Filter"]) == ["EKF", "EKF", "EKF", "UKF"]
     numbers = pd.read_csv(tmp_path / "consistency.csv")
     np.testing.assert_allclose(numbers["loss"], [1.5, 2.5, 1.5, 1.5])
     np.testing.assert_allclose(numbers["nees_band_high"], chi2.ppf(0.975, NX * N) / (NX * N))
     assert (tmp_path / "consistency.png").stat().st_size > 10_000
 
 
-def test_the_figure_shows_the_points(founds):
-    shown = nonlinearity.consistency_points(founds)
-    figure = figures.consistency_figure(shown)
+def test_the_figure_shows_the_points(cells):
+    points = nonlinearity.consistency_points(cells)
+    figure = figures.consistency_figure(points)
     assert isinstance(figure, Figure)
     residual, middle, loss = figure.axes
     np.testing.assert_allclose(residual.lines[0].get_ydata(), [0, 0.2, 0.4], atol=1e-12)

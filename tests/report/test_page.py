@@ -1,6 +1,7 @@
-"""The report's page: well-formed, whole in one file, every text as it was given, readable at any width."""
+"""The page is well-formed, complete in one file, readable at any width, and keeps every text."""
 
 import base64
+import itertools
 import re
 from html.parser import HTMLParser
 from pathlib import Path
@@ -18,7 +19,7 @@ METHODS = ["EKF-iLQG", "CE-MPPI", "PIPF", "MPPI-Belief"]
 
 
 class Parsed(HTMLParser):
-    """A page taken apart: every start tag with its attributes, the text of every element, the nesting checked."""
+    """Parses a page into start tags with attributes and texts of elements; checks the nesting."""
 
     def __init__(self, page: str) -> None:
         super().__init__()
@@ -107,7 +108,10 @@ def wide_table() -> PageTable:
         "Method",
         *(f"w_obs = {weight}" for weight in (100, 200, 500, 1000, 2000, 2500, 5000, 10000)),
     ]
-    caption = "Base cost without obstacle penalties by `w_obs`: mean and standard deviation over 200 trials per point"
+    caption = (
+        "Base cost without obstacle penalties by `w_obs`: mean and standard deviation over 200 "
+        "trials per point"
+    )
     return PageTable("sweep", caption, pd.DataFrame(cells, columns=names))
 
 
@@ -124,14 +128,18 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def page() -> Page:
-    command = "mppi-belief reproduce --out outputs/report -m controller=belief,ce,pipf,ilqg n_trials=200 seed=0"
+    command = (
+        "mppi-belief reproduce --out outputs/report -m controller=belief,ce,pipf,ilqg "
+        "n_trials=200 seed=0"
+    )
     sweep = Picture(
         "sweep.png",
         "Collision rate against `w_obs`: MPPI-Belief falls to zero, the others stay above 11 %.",
     )
     return Page(
         title="Path Integral Control in Gaussian Belief Space: the experiments again",
-        lead="Every number and figure of Sec. VII beside what was measured here, and where the two do not agree.",
+        lead="Every number and figure of Sec. VII beside what was measured here, and where the two "
+        "do not agree.",
         warnings=[
             "PIPF: 3 of 200 trials are missing; `mppi-belief reproduce` adds them.",
             "Times come from two machines.",
@@ -147,7 +155,7 @@ def page() -> Page:
                 [
                     Picture(
                         "paths.png",
-                        "50 trials of each method in the plane; the shading is the observation noise.",
+                        "50 trials of each method in the plane; shading: the observation noise.",
                     )
                 ],
             ),
@@ -180,7 +188,7 @@ def parsed(page: Page, folder: Path) -> Parsed:
 
 
 def everywhere(text: str, warnings: int = 2) -> Page:
-    """A page with one text in every field."""
+    """Returns a page with one text in every field."""
     frame = pd.DataFrame([[text, "1"], ["2", text]], columns=[text, text + " "])
     section = Section(
         text, [text, text], [PageTable(text, text, frame)], [Picture(f"{text}.png", text)]
@@ -189,9 +197,9 @@ def everywhere(text: str, warnings: int = 2) -> Page:
 
 
 def test_the_page_needs_nothing_else(parsed, folder):
-    addresses = [
-        attributes.get(name) for _, attributes in parsed.tags for name in ("src", "href", "srcset")
-    ]
+    addresses = []
+    for _, attributes in parsed.tags:
+        addresses += [attributes.get(name) for name in ("src", "href", "srcset")]
     assert not [address for address in addresses if address and re.match("[a-z]*:?//", address)]
     assert not parsed.all("script")
     assert not re.search(r"url\(|@import|@font-face", parsed.text("style")[0])
@@ -210,7 +218,7 @@ def test_the_page_is_whole(parsed, page):
         "Provenance",
     ]
     assert parsed.text("li")[:2] == [warning.replace("`", "") for warning in page.warnings]
-    assert parsed.text("dt", "dd") == [text for pair in page.provenance for text in pair]
+    assert parsed.text("dt", "dd") == list(itertools.chain.from_iterable(page.provenance))
     assert parsed.all("html")[0]["lang"] == "en"
     assert "viewport" in [attributes.get("name") for attributes in parsed.all("meta")]
 
@@ -246,7 +254,9 @@ def test_ids_are_unique_whatever_the_titles(folder):
 
 def test_cells_are_those_of_the_frame(parsed):
     frames = [table_1().frame, wide_table().frame]
-    cells = [cell for frame in frames for cell in (*frame.columns, *frame.to_numpy().ravel())]
+    cells = []
+    for frame in frames:
+        cells += [*frame.columns, *frame.to_numpy().ravel()]
     assert parsed.text("th", "td") == cells
     assert [th["scope"] for th in parsed.all("th")][:9] == ["col"] * 5 + ["row"] * 4
     assert parsed.text("strong") == [frames[0].iloc[3, 2]]
@@ -296,7 +306,8 @@ def kinds(cells: list[str], folder: Path) -> str:
 
 def test_hostile_text_stays_text(folder):
     page = everywhere(HOSTILE)
-    parsed, calm = Parsed(render(page, folder)), Parsed(render(everywhere("calm"), folder))
+    parsed = Parsed(render(page, folder))
+    calm = Parsed(render(everywhere("calm"), folder))
     assert [tag for tag, _ in parsed.tags] == [tag for tag, _ in calm.tags]
     assert [text for _, text in parsed.texts if HOSTILE in text][:1] == [HOSTILE]
     for tag in ("h1", "h2", "p", "li", "caption", "th", "td", "figcaption", "dt", "dd"):
@@ -321,12 +332,8 @@ def test_a_missing_picture_is_a_note(parsed):
 
 
 def test_every_picture_says_what_is_seen(parsed, page):
-    pictures = [
-        picture
-        for section in page.sections
-        for picture in section.pictures
-        if picture.file != "gone.gif"
-    ]
+    pictures = itertools.chain.from_iterable(section.pictures for section in page.sections)
+    pictures = [picture for picture in pictures if picture.file != "gone.gif"]
     assert [image["alt"] for image in parsed.all("img")] == [
         picture.alt.replace("`", "") for picture in pictures
     ]
@@ -372,29 +379,34 @@ in_a_browser = pytest.mark.skipif(browser.BROWSER is None, reason="no browser is
 @in_a_browser
 @pytest.mark.parametrize("width", [360, 1280])
 def test_a_browser_shows_the_page(width, page, folder, tmp_path):
-    (seen,), complaints = browser.look(render(page, folder), [width], tmp_path)
-    assert seen.width == width
-    assert seen.content <= seen.room
-    assert len(seen.pictures) == 3
-    assert all(seen.pictures)
-    assert all(wider > 0 for wider in seen.boxes) == (width == 360)
+    (windows,), complaints = browser.look(render(page, folder), [width], tmp_path)
+    assert windows.width == width
+    assert windows.content <= windows.room
+    assert len(windows.pictures) == 3
+    assert all(windows.pictures)
+    assert all(wider > 0 for wider in windows.boxes) == (width == 360)
     assert complaints == []
 
 
 @in_a_browser
 def test_long_words_do_not_widen_the_page(folder, tmp_path):
-    seen, complaints = browser.look(render(everywhere("long" * 50), folder), [360, 1280], tmp_path)
-    assert all(one.content <= one.room for one in seen)
+    windows, complaints = browser.look(
+        render(everywhere("long" * 50), folder), [360, 1280], tmp_path
+    )
+    assert all(window.content <= window.room for window in windows)
     assert complaints == []
 
 
 @in_a_browser
 def test_a_browser_would_notice(page, folder, tmp_path):
-    spoilt = '<img src="data:image/png;base64,AAAA" alt=""><div style="width: 2000px">wide</div><script>x</script>'
-    (seen,), complaints = browser.look(
+    spoilt = (
+        '<img src="data:image/png;base64,AAAA" alt=""><div style="width: 2000px">wide</div>'
+        "<script>x</script>"
+    )
+    (windows,), complaints = browser.look(
         render(page, folder).replace("</main>", f"{spoilt}</main>"), [360], tmp_path
     )
-    assert seen.content > seen.room
-    assert seen.pictures[-1] == 0
+    assert windows.content > windows.room
+    assert windows.pictures[-1] == 0
     assert len(complaints) == 1
     assert "Content Security Policy" in complaints[0]

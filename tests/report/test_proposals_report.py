@@ -6,33 +6,33 @@ from mppi_belief.report import figures
 from mppi_belief.report.cell_results import CellResults
 from mppi_belief.report.sections import study_sections
 from mppi_belief.report.sections.proposals import proposal_pairs, sample_saving
-from report_helpers import held, setting, trials
+from report_helpers import cell_of, results_of, trial_rows
 
 
-def found(
+def timed_cell(
     proposal: str, samples: int, cost: float, ess: float, method: str = "belief", **more
 ) -> CellResults:
     """Twenty trials of a cell that takes a millisecond for a hundred samples."""
     swept = {"sampler": proposal, "planner.n_samples": samples}
-    cell = setting(method, **more, **swept)
+    cell = cell_of(method, **more, **swept)
     cell = cell._replace(
         config=cell.config | {"controller": cell.config["controller"] | {"n_samples": samples}}
     )
-    rows = [one | {"ess": ess} for one in trials(20, 1, (cost, 5.0 + ess / 500))]
-    return held(cell, rows)._replace(seconds=[samples / 1e5] * 20)
+    rows = [cell_item | {"ess": ess} for cell_item in trial_rows(20, 1, (cost, 5.0 + ess / 500))]
+    return results_of(cell, rows)._replace(seconds=[samples / 1e5] * 20)
 
 
 def study() -> list[CellResults]:
     return [
-        found("nominal", 50, 100.0, 2.0),
-        found("nominal", 500, 57.0, 10.0),
-        found("laplace", 20, 60.0, 19.0),
-        found("laplace", 50, 53.0, 46.0),
-        found("laplace", 500, 52.0, 460.0),
-        found("nominal", 50, 40.0, 4.0, "ce", theta=float("nan")),
-        found("laplace", 50, 41.0, 48.0, "ce", theta=float("nan")),
-        found("nominal", 50, 70.0, 1.0, w_obs=2500.0),
-        found("laplace", 50, 60.0, 30.0, w_obs=2500.0),
+        timed_cell("nominal", 50, 100.0, 2.0),
+        timed_cell("nominal", 500, 57.0, 10.0),
+        timed_cell("laplace", 20, 60.0, 19.0),
+        timed_cell("laplace", 50, 53.0, 46.0),
+        timed_cell("laplace", 500, 52.0, 460.0),
+        timed_cell("nominal", 50, 40.0, 4.0, "ce", theta=float("nan")),
+        timed_cell("laplace", 50, 41.0, 48.0, "ce", theta=float("nan")),
+        timed_cell("nominal", 50, 70.0, 1.0, w_obs=2500.0),
+        timed_cell("laplace", 50, 60.0, 30.0, w_obs=2500.0),
     ]
 
 
@@ -66,14 +66,14 @@ def test_the_section_tells_both_and_draws_the_usual_scenario(tmp_path):
     assert list(frame["ESS/ms"][:4]) == ["4", "2", "95", "92"]
     assert set(frame["system"]) == {study()[0].cell.config["names"]["system"]}
     assert (tmp_path / "proposals.png").stat().st_size > 0
-    drawn = figures.proposals_figure(study()[:5]).axes[0]
-    lines = {line.get_label(): line for line in drawn.containers}
+    axes = figures.proposals_figure(study()[:5]).axes[0]
+    lines = {line.get_label(): line for line in axes.containers}
     assert list(lines) == ["MPPI-Belief, laplace", "MPPI-Belief, nominal"]
     assert list(lines["MPPI-Belief, laplace"][0].get_xdata()) == [0.2, 0.5, 5.0]
 
 
 def test_without_times_nothing_is_drawn(tmp_path):
-    untimed = [one._replace(seconds=[]) for one in study()]
+    untimed = [cell_item._replace(seconds=[]) for cell_item in study()]
     (section,) = study_sections({"proposals": untimed}, tmp_path)
     assert section.pictures == []
     assert set(section.tables[0].frame["ESS/ms"]) == {"-"}

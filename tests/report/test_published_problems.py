@@ -1,4 +1,4 @@
-"""Problems of others: their domain and costs as published, written out anew; what a report says of them."""
+"""Published problems: their domain and costs, written out independently, and their sections."""
 
 import jax
 import jax.numpy as jnp
@@ -15,10 +15,10 @@ from mppi_belief.report.cell_results import CellResults
 from mppi_belief.report.sections import study_sections
 from mppi_belief.report.sections.published_problems import kept_beliefs, problem_frame
 from mppi_belief.trial import CellParts, build
-from report_helpers import SCENE, held, setting, trials
+from report_helpers import SCENE, cell_of, results_of, trial_rows
 
 LIGHT = 5.0
-# Q, R, L of J = sum (m' Q m + u' R u) + m_T' L m_T + tr(L Sigma_T), then the prior's variance, `const` and T
+# Q, R, L of J = sum (m' Q m + u' R u) + m_T' L m_T + tr(L Sigma_T), prior variance, `const`, T
 PUBLISHED = {
     "platt_2010": (0.5, 0.5, 200.0, 5.0, 1.0, 30),
     "van_den_berg_2012": (0.0, 1.0, 10.0 * 25, 1.0, 1e-4, 25),
@@ -28,14 +28,18 @@ PUBLISHED = {
 def published(
     study: str, controls: jax.Array, on_state: float = 0.0
 ) -> tuple[jax.Array, jax.Array]:
-    """J () of controls (T, 2) from (2, 2) if every measurement is the likeliest, and the means (T, 2) on the way.
-    The variance s is that of both coordinates; `on_state` of it is charged on the way as well."""
+    """Returns J () of controls (T, 2) from (2, 2), and the means (T, 2) on the way.
+
+    Every measurement is the most likely one. The variance s is that of both coordinates; `on_state`
+    of it is charged on the way as well.
+    """
     Q, R, last, prior, const, _ = PUBLISHED[study]
 
     def step(
-        at: tuple[jax.Array, jax.Array], u: jax.Array
+        carry: tuple[jax.Array, jax.Array], u: jax.Array
     ) -> tuple[tuple[jax.Array, jax.Array], tuple]:
-        m, s = at[0] + u, at[1]
+        m = carry[0] + u
+        s = carry[1]
         s = 1 / (1 / s + 1 / (0.5 * (LIGHT - m[0]) ** 2 + const))
         return (m, s), (Q * (m @ m + 2 * on_state * s) + R * u @ u, m)
 
@@ -51,10 +55,11 @@ def planner(study: str) -> CellParts:
 
 
 def planned(parts: CellParts, controls: np.ndarray) -> tuple[jax.Array, jax.Array]:
-    """State costs (N,) and means (T, 2, N) of controls (T, 2, N) from the prior."""
+    """Returns state costs (N,) and means (T, 2, N) of controls (T, 2, N) from the prior."""
     problem = parts.problem
     start = RootBelief(jnp.asarray(problem.prior_mean), jnp.diag(jnp.asarray(problem.prior_std)))
-    planner, paths = parts.controller, jnp.asarray(controls)
+    planner = parts.controller
+    paths = jnp.asarray(controls)
     plan = planner.schedule.plan(problem, planner.path_cost, start, paths[:, :, 0])
     return plan.costs(paths, None)
 
@@ -62,7 +67,9 @@ def planned(parts: CellParts, controls: np.ndarray) -> tuple[jax.Array, jax.Arra
 @pytest.mark.parametrize("study", PUBLISHED)
 def test_the_domain_is_the_published_one(study, x64, rng):
     problem = planner(study).problem
-    system, const, steps = problem.system, PUBLISHED[study][4], PUBLISHED[study][5]
+    system = problem.system
+    const = PUBLISHED[study][4]
+    steps = PUBLISHED[study][5]
     for x, u in rng.normal(0, 3, size=(5, 2, 2)):
         np.testing.assert_allclose(
             mb.discretise.euler_step(system, jnp.asarray(x), jnp.asarray(u), problem.dt), x + u
@@ -77,14 +84,15 @@ def test_the_domain_is_the_published_one(study, x64, rng):
 
 @pytest.mark.parametrize("study", PUBLISHED)
 def test_a_planned_path_costs_what_was_published(study, x64, rng):
-    """Up to the covariance on the way, which an expected cost of the state charges and Platt et al. do not."""
-    parts, controls = planner(study), rng.normal(0, 0.5, size=(6, 2))
-    found, means = planned(parts, controls[:, :, None])
+    """Platt et al. do not charge the covariance on the way; an expected cost of the state does."""
+    parts = planner(study)
+    controls = rng.normal(0, 0.5, size=(6, 2))
+    cell_that_reaches, means = planned(parts, controls[:, :, None])
     J, expected = published(study, jnp.asarray(controls), on_state=1.0)
     effort = PUBLISHED[study][1] * np.sum(controls**2)
     np.testing.assert_allclose(means[:, :, 0], expected, atol=1e-12)
     np.testing.assert_allclose(
-        found[0], J - effort, rtol=1e-6
+        cell_that_reaches[0], J - effort, rtol=1e-6
     )  # their process noise of 1e-8 is not in J
     R = np.asarray(parts.problem.cost.R)
     np.testing.assert_allclose(np.einsum("ti,ij,tj->", controls, R, controls) / 2, effort)
@@ -97,7 +105,8 @@ def test_a_planned_path_costs_what_was_published(study, x64, rng):
 def test_the_plan_of_least_published_cost_goes_to_the_light(study, furthest, J, x64):
     """The numbers that docs/beyond/published_problems.md gives beside ours."""
     steps = PUBLISHED[study][5]
-    there, back = steps // 2, steps - steps // 2
+    there = steps // 2
+    back = steps - steps // 2
     first = np.vstack(
         [np.tile([3 / there, -2 / steps], (there, 1)), np.tile([-5 / back, -2 / steps], (back, 1))]
     )
@@ -112,8 +121,8 @@ def test_the_plan_of_least_published_cost_goes_to_the_light(study, furthest, J, 
     assert best.fun == pytest.approx(J, rel=0.01)
     assert float(means[:, 0].max()) == pytest.approx(furthest, abs=0.01)
     np.testing.assert_allclose(means[-1], 0, atol=0.01)
-    told = (CONF.parent / "docs" / "beyond" / "published_problems.md").read_text()
-    assert f"best plan | {furthest} m |" in told
+    text = (CONF.parent / "docs" / "beyond" / "published_problems.md").read_text()
+    assert f"best plan | {furthest} m |" in text
     straight = np.full((steps, 2), -2 / steps)
     by_the_light, at_once = planned(
         planner(study), np.stack([best.x.reshape(-1, 2), straight], axis=-1)
@@ -122,31 +131,24 @@ def test_the_plan_of_least_published_cost_goes_to_the_light(study, furthest, J, 
     assert by_the_light + R * np.sum(best.x**2) < at_once + R * np.sum(straight**2)
 
 
-def found(method: str, reaches: list[float], **changed) -> CellResults:
-    """A cell whose kept trials go to these x and back, 0.3 m uncertain; trial 9 went wrong."""
-    cell = setting(method)
+def cell_that_reaches(method: str, reaches: list[float], **changed) -> CellResults:
+    """Returns a cell whose kept trials go to these x and back, 0.3 m uncertain; trial 9 failed."""
+    cell = cell_of(method)
     cell = cell._replace(config=cell.config | {"system": {"light": LIGHT}})
-    rows = [one | {"final_distance": 0.1 * one["trial"]} for one in trials(5)]
-    steps = [
-        {
-            "trial": trial,
-            "step": k,
-            "state": np.zeros(2),
-            "mean": np.array([x, 9.0]),
-            "cov": np.array(cov),
-        }
-        for trial, reach in [*enumerate(reaches), (9, 5.0)]
-        for k, (x, cov) in enumerate(
-            [(2.0, [4.0, 0.0, 0.0, 4.0]), (reach, [1.0, 0, 0, 1.0]), (0.0, [0.08, 0, 0, 0.1])]
-        )
-    ]
-    return held(cell, rows)._replace(
+    rows = [trial | {"final_distance": 0.1 * trial["trial"]} for trial in trial_rows(5)]
+    covariances = ([4.0, 0.0, 0.0, 4.0], [1.0, 0.0, 0.0, 1.0], [0.08, 0.0, 0.0, 0.1])
+    steps = []
+    for trial, reach in [*enumerate(reaches), (9, 5.0)]:
+        for k, (x, cov) in enumerate(zip((2.0, reach, 0.0), covariances, strict=True)):
+            belief = {"mean": np.array([x, 9.0]), "cov": np.array(cov)}
+            steps.append({"trial": trial, "step": k, "state": np.zeros(2), **belief})
+    return results_of(cell, rows)._replace(
         paths=pd.DataFrame(steps), scene=SCENE | {"obstacles": []}, **changed
     )
 
 
 def test_what_a_belief_did_is_read_from_the_kept_trials():
-    beliefs = kept_beliefs(found("ce", [3.9, 4.0, 6.1, 5.5]))
+    beliefs = kept_beliefs(cell_that_reaches("ce", [3.9, 4.0, 6.1, 5.5]))
     np.testing.assert_allclose(beliefs.furthest, [3.9, 4.0, 6.1, 5.5])
     np.testing.assert_array_equal(beliefs.in_light, [False, True, False, True])
     np.testing.assert_allclose(beliefs.final_sd, 0.3)
@@ -155,14 +157,15 @@ def test_what_a_belief_did_is_read_from_the_kept_trials():
 @pytest.mark.long
 def test_a_report_tells_both_problems(tmp_path):
     studies = {
-        name: [found("belief_joint", [5.0, 4.5]), found("ce", [2.0, 2.5])] for name in PUBLISHED
+        name: [cell_that_reaches("belief_joint", [5.0, 4.5]), cell_that_reaches("ce", [2.0, 2.5])]
+        for name in PUBLISHED
     }
-    made = study_sections(studies, tmp_path)
-    assert [section.title.rpartition(" of ")[2] for section in made] == [
+    sections = study_sections(studies, tmp_path)
+    assert [section.title.rpartition(" of ")[2] for section in sections] == [
         "Platt et al. 2010",
         "van den Berg et al. 2012",
     ]
-    for name, section in zip(PUBLISHED, made, strict=True):
+    for name, section in zip(PUBLISHED, sections, strict=True):
         frame = section.tables[0].frame
         assert [text.split()[0] for text in frame["in the light % [95 %]"]] == ["100", "0"]
         assert list(frame["furthest x m"]) == ["4.75", "2.25"]
@@ -173,7 +176,7 @@ def test_a_report_tells_both_problems(tmp_path):
 
 
 def test_a_cell_without_kept_trials_has_a_line():
-    bare = found("ce", [])._replace(
+    bare = cell_that_reaches("ce", [])._replace(
         paths=pd.DataFrame(columns=["trial", "step", "state", "mean", "cov"])
     )
     assert problem_frame([bare])["furthest x m"].item() == "-"

@@ -25,7 +25,7 @@ from mppi_belief.report.sections.quality_per_time import (
 )
 from mppi_belief.report.statistics import paired_rate_difference
 from mppi_belief.report.summary import interval_text
-from report_helpers import held, lost, setting, spread_out, trials
+from report_helpers import cell_of, failed_trial, results_of, spread_values, trial_rows
 from study_helpers import row
 
 N = 20
@@ -37,7 +37,7 @@ SD = 6.0
 def cell(method: str, value: int) -> Cell:
     """A method at a value of what it is swept over, as `collect` makes it."""
     key = KEYS.get(method, "planner.n_samples")
-    config = setting(method, **{key: value}).config
+    config = cell_of(method, **{key: value}).config
     filter = {"n_particles": 50} if method == "pipf" else {}
     problem = {"dt": 0.1}
     return Cell(
@@ -46,24 +46,24 @@ def cell(method: str, value: int) -> Cell:
     )
 
 
-def found(
+def timed_cell(
     method: str, value: int, cost: float, ms: float | None = None, hits: int = 0
 ) -> CellResults:
     """A cell whose trials all cost as much above those of another cell as their means are apart."""
-    made = held(cell(method, value), trials(N, hits, (cost, SD)))
+    results = results_of(cell(method, value), trial_rows(N, hits, (cost, SD)))
     return (
-        made
+        results
         if ms is None
-        else made._replace(seconds=[1e-3 * ms * part for part in (0.9, 1.0, 1.0, 1.1)])
+        else results._replace(seconds=[1e-3 * ms * part for part in (0.9, 1.0, 1.0, 1.1)])
     )
 
 
 def belief() -> list[CellResults]:
     """Three numbers of samples, the largest the best by 2 and 10 %."""
     return [
-        found("belief", 50, 55.0, 0.2),
-        found("belief", 500, 51.0, 0.5),
-        found("belief", 5000, 50.0, 4.0),
+        timed_cell("belief", 50, 55.0, 0.2),
+        timed_cell("belief", 500, 51.0, 0.5),
+        timed_cell("belief", 5000, 50.0, 4.0),
     ]
 
 
@@ -99,8 +99,8 @@ def test_the_study_has_table_1_among_its_cells_and_nothing_twice():
 
 
 def test_a_configuration_is_printed_once(tmp_path, capsys):
-    said = call(tmp_path, capsys, "run", f"experiment={STUDY}", "--cfg", "job")
-    assert (said.code, said.out.count("\ncontroller:")) == (0, 1)
+    output = call(tmp_path, capsys, "run", f"experiment={STUDY}", "--cfg", "job")
+    assert (output.code, output.out.count("\ncontroller:")) == (0, 1)
 
 
 def test_every_file_of_the_study_is_documented():
@@ -111,10 +111,10 @@ def test_every_file_of_the_study_is_documented():
 
 
 def test_a_line_says_time_samples_and_what_they_buy_above_the_best():
-    one, two, best = belief()
-    pipf = found("pipf", 20, 52.0)
-    ilqg = held(cell("ilqg", 1), [*trials(4), lost(9)])
-    table = quality_frame([[one, two, best], [pipf], [ilqg]])
+    small, medium, best = belief()
+    pipf = timed_cell("pipf", 20, 52.0)
+    ilqg = results_of(cell("ilqg", 1), [*trial_rows(4), failed_trial(9)])
+    table = quality_frame([[small, medium, best], [pipf], [ilqg]])
     assert table["method"].tolist() == ["MPPI-Belief"] * 3 + ["PIPF", "EKF-iLQG"]
     assert table["setting"].tolist() == [
         *(f"planner.n_samples={n}" for n in (50, 500, 5000)),
@@ -128,24 +128,27 @@ def test_a_line_says_time_samples_and_what_they_buy_above_the_best():
 
 
 def test_costs_are_compared_on_the_trials_that_both_have():
-    one = held(cell("belief", 50), [row(t, cost=60.0 + t) for t in range(1, 9)])
-    two = held(cell("belief", 500), [lost(3), *(row(t, cost=50.0 + t) for t in range(9) if t != 3)])
-    (text, _) = quality_frame([[one, two]])[ABOVE]
+    item = results_of(cell("belief", 50), [row(t, cost=60.0 + t) for t in range(1, 9)])
+    two = results_of(
+        cell("belief", 500), [failed_trial(3), *(row(t, cost=50.0 + t) for t in range(9) if t != 3)]
+    )
+    (text, _) = quality_frame([[item, two]])[ABOVE]
     assert text == "10.00 [10.00, 10.00]"
 
 
-def told(found: CellResults, value: int) -> str:
-    key = KEYS.get(found.method, "planner.n_samples")
-    return rf"`{re.escape(key)}={value}` \(cost {found.good['cost'].mean():.1f} \[[^]]+\], [\d.]+ ms per step\)"
+def described(given: CellResults, value: int) -> str:
+    key = KEYS.get(given.method, "planner.n_samples")
+    cost = f"{given.good['cost'].mean():.1f}"
+    return rf"`{re.escape(key)}={value}` \(cost {cost} \[[^]]+\], [\d.]+ ms per step\)"
 
 
 def test_the_quickest_that_is_good_enough_is_named_beside_the_best():
     cells = belief()
     sentence = advice(cells)
     assert re.search(
-        rf"good enough is {told(cells[1], 500)}, 1\.00 \[1\.00, 1\.00\] above", sentence
+        rf"good enough is {described(cells[1], 500)}, 1\.00 \[1\.00, 1\.00\] above", sentence
     )
-    assert re.search(rf"the best, {told(cells[2], 5000)}$", sentence)
+    assert re.search(rf"the best, {described(cells[2], 5000)}$", sentence)
     assert advice(cells[1:] + cells[:1]) == sentence
 
 
@@ -153,7 +156,7 @@ def test_the_quickest_that_is_good_enough_is_named_beside_the_best():
     ("share", "enough"), [(GOOD_ENOUGH - 1e-3, True), (GOOD_ENOUGH + 1e-3, False)]
 )
 def test_good_enough_is_a_part_of_the_least_cost(share, enough):
-    cells = [found("ce", 50, 50.0 * (1 + share), 0.2), found("ce", 500, 50.0, 0.4)]
+    cells = [timed_cell("ce", 50, 50.0 * (1 + share), 0.2), timed_cell("ce", 500, 50.0, 0.4)]
     assert (
         "quickest setting that is good enough is `planner.n_samples=50`" in advice(cells)
     ) is enough
@@ -164,17 +167,21 @@ def test_good_enough_is_a_part_of_the_least_cost(share, enough):
 
 
 def test_what_may_cost_more_is_not_good_enough_though_its_mean_is():
-    sure = [found("ce", 50, 51.0, 0.2), found("ce", 500, 50.0, 0.4)]
-    noise = np.random.default_rng(0).permutation(spread_out(N, 51.0, SD))
-    unsure = held(sure[0].cell, [row(t, cost=float(value)) for t, value in enumerate(noise)])
+    sure = [timed_cell("ce", 50, 51.0, 0.2), timed_cell("ce", 500, 50.0, 0.4)]
+    noise = np.random.default_rng(0).permutation(spread_values(N, 51.0, SD))
+    unsure = results_of(sure[0].cell, [row(t, cost=float(value)) for t, value in enumerate(noise)])
     assert "good enough is `planner.n_samples=50`" in advice(sure)
     assert "no setting quicker" in advice([unsure._replace(seconds=sure[0].seconds), sure[1]])
 
 
 def test_time_decides_and_not_the_number():
-    cells = [found("ilqg", 1, 50.5, 0.9), found("ilqg", 2, 50.2, 0.3), found("ilqg", 50, 50.0, 0.5)]
+    cells = [
+        timed_cell("ilqg", 1, 50.5, 0.9),
+        timed_cell("ilqg", 2, 50.2, 0.3),
+        timed_cell("ilqg", 50, 50.0, 0.5),
+    ]
     assert "good enough is `controller.max_iterations=2`" in advice(cells)
-    untimed = [one._replace(seconds=[]) for one in cells]
+    untimed = [item._replace(seconds=[]) for item in cells]
     assert re.search(
         r"the best is `controller\.max_iterations=50` .*, and not all settings were timed$",
         advice(untimed),
@@ -185,25 +192,27 @@ def test_time_decides_and_not_the_number():
 
 
 def test_a_setting_that_fails_more_often_is_not_recommended_for_its_survivors():
-    good = [found("ce", 50, 52.0, 0.2), found("ce", 500, 50.0, 0.4)]
-    lucky = held(cell("ce", 5), [row(0, cost=1.0), *(lost(t) for t in range(1, N))])._replace(
-        seconds=[1e-4] * 9
-    )
+    good = [timed_cell("ce", 50, 52.0, 0.2), timed_cell("ce", 500, 50.0, 0.4)]
+    lucky = results_of(
+        cell("ce", 5), [row(0, cost=1.0), *(failed_trial(t) for t in range(1, N))]
+    )._replace(seconds=[1e-4] * 9)
     assert advice([lucky, *good]) == advice(good)
 
 
 def test_the_best_may_be_the_quickest():
-    cells = [found("ce", 50, 50.0, 0.2), found("ce", 500, 50.1, 0.4)]
+    cells = [timed_cell("ce", 50, 50.0, 0.2), timed_cell("ce", 500, 50.1, 0.4)]
     assert advice(cells).startswith(
-        "CE-MPPI: no setting quicker than the best is shown to be good enough: `planner.n_samples=50`"
+        "CE-MPPI: no setting quicker than the best is shown to be good enough: "
+        "`planner.n_samples=50`"
     )
 
 
 def test_cells_without_trials_are_in_no_comparison(tmp_path):
-    empty, bad = held(cell("belief", 5), []), held(cell("belief", 7), [lost(0), lost(1)])
+    empty = results_of(cell("belief", 5), [])
+    bad = results_of(cell("belief", 7), [failed_trial(0), failed_trial(1)])
     cells = [empty, *belief(), bad]
     assert advice(cells) == advice(
-        [one._replace(seconds=[]) if one in (empty, bad) else one for one in cells]
+        [item._replace(seconds=[]) if item in (empty, bad) else item for item in cells]
     )
     assert "good enough is `planner.n_samples=500`" in advice(cells)
     assert quality_frame([cells])[ABOVE].tolist() == [
@@ -219,7 +228,8 @@ def test_cells_without_trials_are_in_no_comparison(tmp_path):
 
 def test_collisions_are_compared_trial_by_trial_from_the_quickest_setting_to_the_slowest():
     slow, quick, between = (
-        found("ce", n, 50.0, ms, hits) for n, ms, hits in ((1, 3.0, 2), (2, 0.5, 12), (3, 1.0, 6))
+        timed_cell("ce", n, 50.0, ms, hits)
+        for n, ms, hits in ((1, 3.0, 2), (2, 0.5, 12), (3, 1.0, 6))
     )
     sentence = collision_range([slow, quick, between])
     change, _ = paired_rate_difference(np.arange(N) < 2, np.arange(N) < 12)
@@ -228,25 +238,25 @@ def test_collisions_are_compared_trial_by_trial_from_the_quickest_setting_to_the
     ] == interval_text(change.times(100), 1)
     assert change.value == -0.5
     assert (
-        collision_range([quick, held(cell("ce", 5), [lost(0)])])
+        collision_range([quick, results_of(cell("ce", 5), [failed_trial(0)])])
         == "Collisions: 60.0 [36.1, 80.9] %"
     )
 
 
 def everything() -> list[CellResults]:
-    ilqg = [found("ilqg", 1, 47.0, 0.4, hits=7), found("ilqg", 50, 45.0, 0.6, hits=6)]
-    pipf = [found("pipf", 20, 55.0, 1.0, hits=4), found("pipf", 200, 51.0, 6.0, hits=4)]
-    ce = [found("ce", 50, 52.0, 0.1, hits=7), found("ce", 5000, 45.5, 3.0, hits=6)]
+    ilqg = [timed_cell("ilqg", 1, 47.0, 0.4, hits=7), timed_cell("ilqg", 50, 45.0, 0.6, hits=6)]
+    pipf = [timed_cell("pipf", 20, 55.0, 1.0, hits=4), timed_cell("pipf", 200, 51.0, 6.0, hits=4)]
+    ce = [timed_cell("ce", 50, 52.0, 0.1, hits=7), timed_cell("ce", 5000, 45.5, 3.0, hits=6)]
     return [*belief(), *ce, *ilqg, *pipf]
 
 
 def test_the_section_has_a_sentence_a_method_a_table_and_a_figure(tmp_path):
     (section,) = study_sections({STUDY: everything()}, tmp_path)
-    lead, *said = section.text
+    lead, *output = section.text
     assert "lasts 100 ms" in lead
     assert f"{6.0 * 1.085:.1f} ms" in lead
     names = ["MPPI-Belief", "CE-MPPI", "PIPF", "EKF-iLQG"]
-    assert [text.partition(":")[0] for text in said] == names
+    assert [text.partition(":")[0] for text in output] == names
     assert list(dict.fromkeys(section.tables[0].frame["method"])) == names
     assert {path.name for path in tmp_path.iterdir()} == {
         f"{STUDY}.{kind}" for kind in ("md", "csv", "png", "pdf")
@@ -260,7 +270,7 @@ def test_the_section_has_a_sentence_a_method_a_table_and_a_figure(tmp_path):
 
 def test_without_times_nothing_is_said_of_them(tmp_path):
     (section,) = study_sections(
-        {STUDY: [one._replace(seconds=[]) for one in everything()]}, tmp_path
+        {STUDY: [item._replace(seconds=[]) for item in everything()]}, tmp_path
     )
     assert not any(re.search(r"\bms\b", text) for text in section.text)
     assert (tmp_path / f"{STUDY}.png").stat().st_size > 5000
@@ -296,47 +306,48 @@ def test_the_figure_shows_cost_and_collisions_against_time_and_samples():
 def test_no_label_leaves_the_figure_or_runs_into_another():
     figure = figures.quality_figure(everything())
     FigureCanvasAgg(figure).draw()
-    ticks = [
-        tick.label1
-        for axes in figure.axes
-        for axis in (axes.xaxis, axes.yaxis)
-        for tick in axis.get_major_ticks()
-        if min(axis.get_view_interval()) <= tick.get_loc() <= max(axis.get_view_interval())
-    ]
-    words = [part for axes in figure.axes for part in (axes.xaxis.label, axes.yaxis.label)]
-    shown: Sequence[Any] = [*ticks, *words, *figure.legends[0].get_texts()]
-    boxes = [text.get_window_extent() for text in shown if text.get_text() and text.get_visible()]
+    axis_pairs = [(axes.xaxis, axes.yaxis) for axes in figure.axes]
+    ticks = []
+    words = []
+    for axis in itertools.chain.from_iterable(axis_pairs):
+        low, high = sorted(axis.get_view_interval())
+        ticks += [tick.label1 for tick in axis.get_major_ticks() if low <= tick.get_loc() <= high]
+        words.append(axis.label)
+    texts: Sequence[Any] = [*ticks, *words, *figure.legends[0].get_texts()]
+    boxes = [text.get_window_extent() for text in texts if text.get_text() and text.get_visible()]
     assert len(boxes) > 12
-    assert not any(one.overlaps(two) for one, two in itertools.combinations(boxes, 2))
-    for box in [*boxes, *(text.get_window_extent() for axes in figure.axes for text in axes.texts)]:
+    assert not any(first.overlaps(second) for first, second in itertools.combinations(boxes, 2))
+    inside = itertools.chain.from_iterable(axes.texts for axes in figure.axes)
+    for box in [*boxes, *(text.get_window_extent() for text in inside)]:
         assert 0 <= box.x0 < box.x1 <= figure.bbox.x1
         assert 0 <= box.y0 < box.y1 <= figure.bbox.y1
 
 
 def test_cells_without_trials_or_times_are_left_out_of_the_figure():
-    one, two, best = belief()
+    small, medium, best = belief()
     figure = figures.quality_figure(
-        [one, two._replace(seconds=[]), best, held(cell("ce", 5), [lost(0)])]
+        [small, medium._replace(seconds=[]), best, results_of(cell("ce", 5), [failed_trial(0)])]
     )
     assert [len(axes.containers) for axes in figure.axes] == [1] * 4
     assert points(figure.axes[0])[0][:, 0].tolist() == pytest.approx([0.2, 4.0])
     assert named(figure.axes[0]) == ["50", "5000"]
     assert points(figure.axes[1])[0].shape == (3, 2)
-    assert figures.quality_figure([held(cell("ce", 5), [lost(0)])]) is None
+    assert figures.quality_figure([results_of(cell("ce", 5), [failed_trial(0)])]) is None
     assert figures.quality_figure([]) is None
 
 
 def test_one_setting_has_no_name():
-    figure = figures.quality_figure([found("ce", 500, 50.0, 0.4)])
+    figure = figures.quality_figure([timed_cell("ce", 500, 50.0, 0.4)])
     assert [text.get_text() for text in figure.legends[0].get_texts()] == ["CE-MPPI"]
     assert set(named(figure.axes[0])) <= {""}
     assert (
-        advice([found("ce", 500, 50.0, 0.4)]) == "CE-MPPI: cost 50.0 [47.2, 52.8], 0.40 ms per step"
+        advice([timed_cell("ce", 500, 50.0, 0.4)])
+        == "CE-MPPI: cost 50.0 [47.2, 52.8], 0.40 ms per step"
     )
 
 
 def test_the_paths_of_a_step_are_counted():
-    assert [found(method, 20, 50.0).samples for method in ("belief", "pipf", "ilqg")] == [
+    assert [timed_cell(method, 20, 50.0).samples for method in ("belief", "pipf", "ilqg")] == [
         20,
         1000,
         None,

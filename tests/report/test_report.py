@@ -1,5 +1,6 @@
 """From rows to a table and a picture: what is averaged, how sure it is, what is left out."""
 
+import itertools
 import math
 from pathlib import Path
 from types import SimpleNamespace
@@ -33,8 +34,8 @@ def test_the_mean_has_students_interval(level, rng):
 
 def test_the_mean_interval_covers_as_often_as_it_says(rng):
     n = 4000
-    found = np.array([mean_interval(sample) for sample in rng.normal(1, 3, size=(n, 5))])
-    covered = np.mean((found[:, 1] <= 1) & (found[:, 2] >= 1))
+    intervals = np.array([mean_interval(sample) for sample in rng.normal(1, 3, size=(n, 5))])
+    covered = np.mean((intervals[:, 1] <= 1) & (intervals[:, 2] >= 1))
     assert abs(covered - 0.95) < SIGMAS * math.sqrt(0.95 * 0.05 / n)
 
 
@@ -98,7 +99,8 @@ def test_failed_trials_are_counted_and_in_no_average():
     bad = [failed_row({}, 90, "error", "oh"), failed_row({}, 91, "crashed", "gone")]
     diverged = row(92, status="diverged", cost=math.inf, collided=True, clearance=-9.0)
     mixed = pd.concat([rows(), pd.DataFrame([*bad, diverged])], ignore_index=True)
-    clean, line = summary_text(rows(), {}, None), summary_text(mixed, {}, None)
+    clean = summary_text(rows(), {}, None)
+    line = summary_text(mixed, {}, None)
     assert line.pop("trials") == "23 (3 failed)"
     clean.pop("trials")
     assert line == clean
@@ -106,16 +108,16 @@ def test_failed_trials_are_counted_and_in_no_average():
 
 
 def test_a_line_of_failures_only_or_of_one_trial_can_be_written():
-    lost = summary_text(
+    failures = summary_text(
         pd.DataFrame([failed_row({}, trial, "error", "oh") for trial in range(2)]), {}, None
     )
-    assert (lost["trials"], lost["cost [95 %]"], lost["collided % [95 %]"]) == (
+    assert (failures["trials"], failures["cost [95 %]"], failures["collided % [95 %]"]) == (
         "2 (2 failed)",
         "-",
         "-",
     )
-    one = summary_text(rows(1), {}, [])
-    assert one["cost [95 %]"] == "3.00"
+    single = summary_text(rows(1), {}, [])
+    assert single["cost [95 %]"] == "3.00"
     far = summary_text(rows().assign(clearance=math.inf), {}, None)
     assert far["clearance m [95 %]"] == "-"
 
@@ -135,8 +137,7 @@ def paths(trials: int, nx: int) -> list[dict[str, Any]]:
     arrays = {"mean": np.zeros(nx), "cov": np.eye(nx).ravel(), "control": np.zeros(1)}
     return [
         {"trial": trial, "step": k, "state": np.full(nx, trial + 0.1 * k), **arrays}
-        for trial in range(trials)
-        for k in range(4)
+        for trial, k in itertools.product(range(trials), range(4))
     ]
 
 
@@ -153,7 +154,7 @@ def plane(obstacles: list[list[float]]) -> dict[str, Any]:
 
 
 def settings() -> dict[str, Any]:
-    """Matplotlib's settings, but for the backend, which it finds out when first asked."""
+    """Returns Matplotlib's settings without the backend, which it chooses on first use."""
     return {name: value for name, value in mpl.rcParams.items() if name != "backend"}
 
 
@@ -190,13 +191,14 @@ def test_a_picture_shows_every_path_and_says_which_collide():
     panel = figures.PathPanel(pd.DataFrame(paths(3, 4)), plane([[3, 1]]), {1}, "")
     figure = figures.trajectories_figure(panel)
     axes = figure.axes[0]
-    drawn = [line for line in axes.lines if len(line.get_xdata()) == 4]
-    assert [line.get_color() for line in drawn] == [figures.BLUE, figures.ORANGE, figures.BLUE]
+    true_paths = [line for line in axes.lines if len(line.get_xdata()) == 4]
+    assert [line.get_color() for line in true_paths] == [figures.BLUE, figures.ORANGE, figures.BLUE]
     np.testing.assert_allclose(
-        drawn[2].get_xydata(), np.repeat(2 + 0.1 * np.arange(4)[:, None], 2, axis=1)
+        true_paths[2].get_xydata(), np.repeat(2 + 0.1 * np.arange(4)[:, None], 2, axis=1)
     )
     assert legend(figure) == ["start", "goal", "2 paths", "1 that collide"]
-    (low, high), (bottom, top) = axes.get_xlim(), axes.get_ylim()
+    low, high = axes.get_xlim()
+    bottom, top = axes.get_ylim()
     assert low < 1 < 7 < high
     assert bottom < 0 < 2.3 < top
     free = panel._replace(scene=plane([]), collided=set())
@@ -225,18 +227,18 @@ def test_pictures_can_be_compared_on_one_scale():
 
 
 def stored(root: Path, *table: dict[str, Any], **cell: Any) -> Cell:
-    """A cell with results on disk."""
-    made = Cell(config(**cell))
-    folder = root / made.id
+    """Stores a cell with results."""
+    stored_cell = Cell(config(**cell))
+    folder = root / stored_cell.id
     results.write_rows(folder, table, {})
     results.write_paths(folder, paths(2, 1))
     files.write_json(folder, "scene", LINE)
     files.write_json(folder, "timing", {"seconds": [1e-3]})
-    return made
+    return stored_cell
 
 
-def outcome(ran: dict[str, int], found: int = 0) -> Any:
-    return SimpleNamespace(ran=ran, found=dict.fromkeys(ran, found))
+def outcome(ran: dict[str, int], stored: int = 0) -> Any:
+    return SimpleNamespace(ran=ran, found=dict.fromkeys(ran, stored))
 
 
 def test_the_overview_prints_a_table_draws_and_counts_failures(tmp_path, capsys):

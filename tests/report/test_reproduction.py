@@ -1,4 +1,4 @@
-"""What the paper prints against what was found: each number once, z by hand, claims with their exceptions."""
+"""Published numbers against ours: each number once, z by hand, claims with their exceptions."""
 
 import math
 from collections.abc import Sequence
@@ -16,7 +16,7 @@ from mppi_belief.report.sections.reproduction import (
     judged_claims,
     verdict,
 )
-from report_helpers import held, lost, setting, trials
+from report_helpers import cell_of, failed_trial, results_of, trial_rows
 
 TABLE_1 = {  # cost, spread, collisions in %, as printed
     "ilqg": ("EKF-iLQG", 46.1, 6.2, 24.5),
@@ -28,22 +28,26 @@ THETA = {0.0: (23.0, 0.11, 51.3), 0.5: (2.5, 0.80, None), 1.0: (0.0, 0.82, 56.6)
 WEIGHTS = (100.0, 250.0, 500.0, 1000.0, 2500.0, 5000.0, 10000.0)
 
 
-def likelihood_ratio(hits: int, n: int, other: float, m: int) -> float:
+def likelihood_ratio(hits: int, n: int, published_hits: float, m: int) -> float:
     """The signed root, 0 log 0 = 0."""
 
     def log_likelihood(k: float, of: int, p: float) -> float:
         return (k * math.log(p) if k else 0.0) + ((of - k) * math.log(1 - p) if of > k else 0.0)
 
-    pooled = (hits + other) / (n + m)
-    two = log_likelihood(hits, n, hits / n) + log_likelihood(other, m, other / m)
-    one = log_likelihood(hits, n, pooled) + log_likelihood(other, m, pooled)
-    return math.copysign(math.sqrt(max(0.0, 2 * (two - one))), hits / n - other / m)
+    pooled = (hits + published_hits) / (n + m)
+    two = log_likelihood(hits, n, hits / n) + log_likelihood(published_hits, m, published_hits / m)
+    pooled_value = log_likelihood(hits, n, pooled) + log_likelihood(published_hits, m, pooled)
+    return math.copysign(
+        math.sqrt(max(0.0, 2 * (two - pooled_value))), hits / n - published_hits / m
+    )
 
 
 def table_1(n: int = 200, **hits: int) -> list[CellResults]:
     """The four methods with the paper's own costs and, if nothing else is said, its collisions."""
     return [
-        held(setting(method), trials(n, hits.get(method, round(n * rate / 100)), (cost, sd)))
+        results_of(
+            cell_of(method), trial_rows(n, hits.get(method, round(n * rate / 100)), (cost, sd))
+        )
         for method, (_, cost, sd, rate) in TABLE_1.items()
     ]
 
@@ -51,18 +55,16 @@ def table_1(n: int = 200, **hits: int) -> list[CellResults]:
 def sweep(method: str, rates: dict[float, float], n: int = 200) -> list[CellResults]:
     """A method over weights, with collision rates in %."""
     return [
-        held(setting(method, w_obs=w_obs), trials(n, round(n * rate / 100)))
+        results_of(cell_of(method, w_obs=w_obs), trial_rows(n, round(n * rate / 100)))
         for w_obs, rate in rates.items()
     ]
 
 
 def weights() -> list[CellResults]:
-    """As the paper says."""
-    baselines = [
-        found
-        for method in ("ilqg", "ce", "pipf")
-        for found in sweep(method, dict.fromkeys(WEIGHTS, 20.0))
-    ]
+    """Returns the obstacle-weight sweep as the paper describes it."""
+    baselines = []
+    for method in ("ilqg", "ce", "pipf"):
+        baselines += sweep(method, dict.fromkeys(WEIGHTS, 20.0))
     return baselines + sweep(
         "belief",
         {100.0: 9.0, 250.0: 4.0, 500.0: 0.5, 1000.0: 0.5} | dict.fromkeys(WEIGHTS[4:], 0.0),
@@ -70,7 +72,7 @@ def weights() -> list[CellResults]:
 
 
 def thetas() -> list[CellResults]:
-    found = {
+    measured = {
         0.0: (46, 0.11, 51.3),
         0.5: (5, 0.80, 54.0),
         1.0: (0, 0.82, 56.6),
@@ -78,8 +80,8 @@ def thetas() -> list[CellResults]:
         5.0: (1, 0.9, 70.0),
     }
     return [
-        held(setting(theta=theta), trials(200, hits, (cost, 5.0), (clearance, 0.1)))
-        for theta, (hits, clearance, cost) in found.items()
+        results_of(cell_of(theta=theta), trial_rows(200, hits, (cost, 5.0), (clearance, 0.1)))
+        for theta, (hits, clearance, cost) in measured.items()
     ]
 
 
@@ -128,14 +130,19 @@ def test_the_papers_own_numbers_agree_with_themselves():
     )
     ranges = sum(" to " in line.paper for line in lines)
     points = len(lines) - 14 - ranges
-    said = f"{points} of the {points} held-out numbers agree within 2 standard errors, and {ranges} of {ranges} ranges"
-    assert verdict(lines, HELD_OUT).startswith(said)
+    start_of_verdict = (
+        f"{points} of the {points} held-out numbers agree within 2 standard errors, "
+        f"and {ranges} of {ranges} ranges"
+    )
+    assert verdict(lines, HELD_OUT).startswith(start_of_verdict)
 
 
 def test_z_of_table_1_by_hand():
-    """Two other samples of 50: mean 58 and spread 4 against 56.5 and 5.2, 3 collisions against none."""
-    (found,) = (held(setting(), [*trials(50, 3, (58.0, 4.0)), lost(50), lost(51)]),)
-    cost, spread, rate = compare_numbers([found], [], [])
+    """Takes 50 trials of mean 58, spread 4 and 3 collisions against 56.5, 5.2 and none."""
+    measured = results_of(
+        cell_of(), [*trial_rows(50, 3, (58.0, 4.0)), failed_trial(50), failed_trial(51)]
+    )
+    cost, spread, rate = compare_numbers([measured], [], [])
     assert cost.z == pytest.approx(1.5 / math.sqrt(16 / 50 + 5.2**2 / 200), rel=1e-9)
     assert spread.z == pytest.approx(-1.2 / math.sqrt(16 / 98 + 5.2**2 / 398), rel=1e-9)
     assert rate.z == pytest.approx(likelihood_ratio(3, 50, 0, 200), rel=1e-9)
@@ -144,8 +151,8 @@ def test_z_of_table_1_by_hand():
 
 def test_z_of_the_theta_sweep_by_hand():
     """Where the paper prints no spread, both sides have ours."""
-    found = held(setting(theta=0.0), trials(100, 30, (50.0, 6.0), (0.2, 0.3)))
-    lines = by_name(compare_numbers([], [found], []))
+    measured = results_of(cell_of(theta=0.0), trial_rows(100, 30, (50.0, 6.0), (0.2, 0.3)))
+    lines = by_name(compare_numbers([], [measured], []))
     both = math.sqrt(1 / 100 + 1 / 200)
     assert lines["theta 0, clearance m"].z == pytest.approx(0.09 / (0.3 * both), rel=1e-9)
     assert lines["theta 0, cost"].z == pytest.approx(-1.3 / (6 * both), rel=1e-9)
@@ -180,32 +187,36 @@ def test_within_a_range_z_is_zero_and_outside_it_counts_from_the_nearest_end(
 
 def test_where_the_paper_says_nothing_nothing_is_compared():
     assert compare_numbers([], [], sweep("belief", {100.0: 1.0, 250.0: 1.0})) == []
-    assert compare_numbers([], [held(setting(theta=0.25), trials(9))], []) == []
+    assert compare_numbers([], [results_of(cell_of(theta=0.25), trial_rows(9))], []) == []
     assert (
-        compare_numbers([held(setting("oracle"), trials(9))], [], sweep("oracle", {500.0: 0.0}))
+        compare_numbers(
+            [results_of(cell_of("oracle"), trial_rows(9))], [], sweep("oracle", {500.0: 0.0})
+        )
         == []
     )
 
 
 def test_cells_without_at_least_two_good_trials_are_left_out():
-    few = [[], trials(1), [*trials(1), lost(1), lost(2)]]
+    few = [[], trial_rows(1), [*trial_rows(1), failed_trial(1), failed_trial(2)]]
     for rows in few:
         assert (
             compare_numbers(
-                [held(setting(), rows, 5)], [held(setting(), rows, 5)], [held(setting(), rows, 5)]
+                [results_of(cell_of(), rows, 5)],
+                [results_of(cell_of(), rows, 5)],
+                [results_of(cell_of(), rows, 5)],
             )
             == []
         )
-    assert len(compare_numbers([held(setting(), trials(2))], [], [])) == 3
+    assert len(compare_numbers([results_of(cell_of(), trial_rows(2))], [], [])) == 3
 
 
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("clearance", [0.3, math.inf], ids=["equal trials", "no obstacles"])
 def test_trials_without_a_spread_do_not_stop_a_report(clearance):
-    rows = trials(5, 0, (50.0, 0.0), (clearance, 0.0))
+    rows = trial_rows(5, 0, (50.0, 0.0), (clearance, 0.0))
     lines = [
-        *compare_numbers([held(setting(), rows)], [], []),
-        *compare_numbers([], [held(setting(theta=0.0), rows)], []),
+        *compare_numbers([results_of(cell_of(), rows)], [], []),
+        *compare_numbers([], [results_of(cell_of(theta=0.0), rows)], []),
     ]
     assert [line.label for line in lines if "clearance" in line.label] == ["theta 0, clearance m"]
     for kind in (FITTED, HELD_OUT):
@@ -232,9 +243,9 @@ def test_the_verdict_counts_and_names_the_farthest():
         for k, value in enumerate(z)
     ]
     lines.append(ComparedNumber(HELD_OUT, "another", "1", "2", 99.0))
-    said = verdict(lines, FITTED)
-    assert said.startswith("3 of the 6 fitted numbers agree within 2 standard errors")
-    assert "the farthest is number 5: 5.7 here, 5.5 in the paper (z = -9.5)" in said
+    start_of_verdict = verdict(lines, FITTED)
+    assert start_of_verdict.startswith("3 of the 6 fitted numbers agree within 2 standard errors")
+    assert "the farthest is number 5: 5.7 here, 5.5 in the paper (z = -9.5)" in start_of_verdict
     assert verdict(lines[:6], HELD_OUT) == "None of the held-out numbers has results yet."
     assert verdict(lines[6:7], FITTED) == "None of the fitted numbers has results yet."
 
@@ -247,28 +258,28 @@ def test_ranges_are_counted_apart():
     lines += [
         ComparedNumber(HELD_OUT, f"c{z}", "1 to 2", "2", z, is_range=True) for z in (0.0, 0.0, 3.0)
     ]
-    said = "1 of the 2 held-out numbers agree within 2 standard errors, and 2 of 3 ranges are met; "
-    assert verdict(lines, HELD_OUT).startswith(said)
+    start_of_verdict = (
+        "1 of the 2 held-out numbers agree within 2 standard errors, and 2 of 3 ranges are met; "
+    )
+    assert verdict(lines, HELD_OUT).startswith(start_of_verdict)
 
 
-def claim(found: Sequence[str], start: str) -> str:
-    (line,) = [line for line in found if line.startswith(start)]
+def claim(measured: Sequence[str], start: str) -> str:
+    (line,) = [line for line in measured if line.startswith(start)]
     return line
 
 
-ABOVE, FREE, BELOW = (
-    "Every baseline collides",
-    "No baseline is free",
-    "MPPI-Belief collides in less",
-)
+ABOVE = "Every baseline collides"
+FREE = "No baseline is free"
+BELOW = "MPPI-Belief collides in less"
 
 
 def test_claims_that_hold_say_so():
-    found = judged_claims(table_1(), weights())
-    assert len(found) == 4
-    assert found[0] == "MPPI-Belief at theta = 1 has 0 collisions in 200 trials, as published."
+    measured = judged_claims(table_1(), weights())
+    assert len(measured) == 4
+    assert measured[0] == "MPPI-Belief at theta = 1 has 0 collisions in 200 trials, as published."
     for start in (ABOVE, FREE, BELOW):
-        assert claim(found, start).endswith(": holds.")
+        assert claim(measured, start).endswith(": holds.")
 
 
 def test_claims_name_exactly_the_cells_where_they_fail():
@@ -278,15 +289,16 @@ def test_claims_name_exactly_the_cells_where_they_fail():
         *sweep("pipf", {500.0: 10.0, 1000.0: 30.0}),  # the first is Table I's own cell
         *sweep("belief", {100.0: 50.0, 250.0: 1.0, 500.0: 1.0, 1000.0: 0.5, 2500.0: 2.5}),
     ]
-    found = judged_claims(first, cells)
+    measured = judged_claims(first, cells)
     assert (
-        found[0] == "MPPI-Belief at theta = 1 has 1 collisions in 200 trials; the paper has none."
+        measured[0]
+        == "MPPI-Belief at theta = 1 has 1 collisions in 200 trials; the paper has none."
     )
-    assert claim(found, ABOVE).endswith(
+    assert claim(measured, ABOVE).endswith(
         ": fails for PIPF at w_obs = 500 (10.0 %), CE-MPPI at w_obs = 10000 (0.0 %)."
     )
-    assert claim(found, FREE).endswith(": fails for CE-MPPI at w_obs = 10000 (0.0 %).")
-    assert claim(found, BELOW).endswith(
+    assert claim(measured, FREE).endswith(": fails for CE-MPPI at w_obs = 10000 (0.0 %).")
+    assert claim(measured, BELOW).endswith(
         ": fails for MPPI-Belief at w_obs = 500 (1.0 %), MPPI-Belief at w_obs = 2500 (2.5 %)."
     )
 
@@ -294,17 +306,22 @@ def test_claims_name_exactly_the_cells_where_they_fail():
 def test_claims_are_made_of_what_there_is():
     assert judged_claims([], []) == []
     only = judged_claims(
-        [held(setting(), [lost(0)]), held(setting("ce"), [])],
+        [results_of(cell_of(), [failed_trial(0)]), results_of(cell_of("ce"), [])],
         sweep("belief", {100.0: 50.0, 250.0: 20.0}),
     )
     assert only == []
-    (line,) = judged_claims([held(setting(), [*trials(4, 1), lost(4)])], [])
+    (line,) = judged_claims([results_of(cell_of(), [*trial_rows(4, 1), failed_trial(4)])], [])
     assert "1 collisions in 4 trials" in line
-    assert len(judged_claims([held(setting("ce"), trials(10, 3))], [])) == 2
+    assert len(judged_claims([results_of(cell_of("ce"), trial_rows(10, 3))], [])) == 2
 
 
 def test_other_methods_are_no_baselines_of_the_paper():
-    assert judged_claims([held(setting("oracle"), trials(10, 0))], sweep("lqg", {500.0: 0.0})) == []
+    assert (
+        judged_claims(
+            [results_of(cell_of("oracle"), trial_rows(10, 0))], sweep("lqg", {500.0: 0.0})
+        )
+        == []
+    )
 
 
 def test_agreement_is_within_two_standard_errors():

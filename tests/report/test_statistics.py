@@ -1,4 +1,4 @@
-"""Differences between two methods that met the same noise; the intervals of one method are in test_report.py."""
+"""Paired differences of two methods; test_report.py tests the intervals of one method."""
 
 import math
 from fractions import Fraction
@@ -31,12 +31,13 @@ def bca(
 
 
 def test_a_mean_difference_has_efrons_interval(rng):
-    first, second = rng.exponential(2.0, size=25) ** 1.5, rng.normal(size=25)
+    first = rng.exponential(2.0, size=25) ** 1.5
+    second = rng.normal(size=25)
     difference = first - second
     low, high, means = bca(difference, 200_000, np.random.default_rng(1))
-    found = paired_mean_difference(first, second)
-    assert found.value == pytest.approx(np.mean(difference), rel=1e-12)
-    for got, expected, sign in ((found.low, low, 1), (found.high, high, -1)):
+    estimate = paired_mean_difference(first, second)
+    assert estimate.value == pytest.approx(np.mean(difference), rel=1e-12)
+    for got, expected, sign in ((estimate.low, low, 1), (estimate.high, high, -1)):
         # both the end's level and the bias, which shifts it twice, are fractions of the resamples
         level = np.mean(means <= expected)
         density = stats.gaussian_kde(means[::50])(expected)[0]
@@ -50,18 +51,20 @@ def test_a_mean_difference_has_efrons_interval(rng):
         # neither Student's interval nor the bootstrap's plain percentiles
         half = stats.t.ppf(0.975, 24) * stats.sem(difference)
         plain = np.quantile(means, 0.025 if sign > 0 else 0.975)
-        for other in (found.value - sign * half, plain):
-            assert abs(expected - other) > 2 * SIGMAS * error
+        for boundary in (estimate.value - sign * half, plain):
+            assert abs(expected - boundary) > 2 * SIGMAS * error
 
 
 def test_the_interval_of_a_mean_difference_covers_as_often_as_theory_says(rng, monkeypatch):
     monkeypatch.setattr(statistics, "RESAMPLES", 499)
-    n, pairs = 600, 20
+    n = 600
+    pairs = 20
     noise = rng.normal(0, 9, size=(n, pairs))  # met by both methods, so it must not count
     first, second = (noise + rng.normal(mean, 1, size=(n, pairs)) for mean in (3.0, 1.0))
-    found = [paired_mean_difference(a, b) for a, b in zip(first, second, strict=True)]
-    covered = np.mean([low <= 2 <= high for _, low, high in found])
-    # for normal values the bootstrap is mean +- 1.96 s sqrt((n - 1) / n) / sqrt(n), a t interval of a lower level
+    estimate = [paired_mean_difference(a, b) for a, b in zip(first, second, strict=True)]
+    covered = np.mean([low <= 2 <= high for _, low, high in estimate])
+    # For normal values the bootstrap is mean +- 1.96 s sqrt((n - 1) / n) / sqrt(n), which is a t
+    # interval of a lower level.
     expected = 2 * stats.t.cdf(1.96 * math.sqrt((pairs - 1) / pairs), pairs - 1) - 1
     assert abs(covered - expected) < SIGMAS * math.sqrt(expected * (1 - expected) / n)
 
@@ -72,8 +75,8 @@ def test_the_interval_of_a_mean_difference_covers_as_often_as_theory_says(rng, m
     ids=["none", "one", "two"],
 )
 def test_too_few_pairs_have_no_interval(first, value):
-    found = paired_mean_difference(np.array(first), np.ones(len(first)))
-    np.testing.assert_equal(tuple(found), (value, math.nan, math.nan))
+    estimate = paired_mean_difference(np.array(first), np.ones(len(first)))
+    np.testing.assert_equal(tuple(estimate), (value, math.nan, math.nan))
 
 
 def test_pairs_that_differ_alike_have_an_interval_of_no_width(rng):
@@ -85,21 +88,23 @@ def test_pairs_that_differ_alike_have_an_interval_of_no_width(rng):
 
 
 def test_a_mean_difference_is_always_the_same_and_mirrored_when_its_sides_change(rng):
-    first, second = rng.exponential(size=30), rng.exponential(size=30)
-    found = paired_mean_difference(first, second)
+    first = rng.exponential(size=30)
+    second = rng.exponential(size=30)
+    estimate = paired_mean_difference(first, second)
     rng.normal(size=5)
     np.random.default_rng(7).normal()
-    assert paired_mean_difference(first, second) == found
-    assert found.low < found.value < found.high
+    assert paired_mean_difference(first, second) == estimate
+    assert estimate.low < estimate.value < estimate.high
     value, low, high = paired_mean_difference(second, first)
-    np.testing.assert_allclose((-value, -high, -low), found, rtol=1e-9)
+    np.testing.assert_allclose((-value, -high, -low), estimate, rtol=1e-9)
     np.testing.assert_allclose(
-        paired_mean_difference(10 * first + 3, 10 * second), 10 * np.array(found) + 3, rtol=1e-9
+        paired_mean_difference(10 * first + 3, 10 * second), 10 * np.array(estimate) + 3, rtol=1e-9
     )
 
 
 def test_a_higher_level_has_a_wider_interval(rng):
-    first, second = rng.normal(size=30), np.zeros(30)
+    first = rng.normal(size=30)
+    second = np.zeros(30)
     narrow, wide = (paired_mean_difference(first, second, level) for level in (0.5, 0.99))
     assert wide.low < narrow.low < narrow.high < wide.high
     assert wide.value == narrow.value
@@ -124,15 +129,15 @@ def two_sided(wins: int, losses: int) -> Fraction:
 @given(SMALL_COUNTS, SMALL_COUNTS, SMALL_COUNTS, SMALL_COUNTS)
 def test_the_p_value_is_that_of_the_sign_test(only_first, only_second, both, neither):
     first, second = pairs(only_first, only_second, both, neither)
-    found, p = paired_rate_difference(first, second)
+    estimate, p = paired_rate_difference(first, second)
     if not len(first):
         assert math.isnan(p)
-        assert all(map(math.isnan, found))
+        assert all(map(math.isnan, estimate))
         return
     assert p == pytest.approx(float(two_sided(only_first, only_second)), rel=1e-9)
-    assert found.value == pytest.approx(first.mean() - second.mean(), abs=1e-12)
-    assert found.low <= found.value + 1e-12
-    assert found.value <= found.high + 1e-12
+    assert estimate.value == pytest.approx(first.mean() - second.mean(), abs=1e-12)
+    assert estimate.low <= estimate.value + 1e-12
+    assert estimate.value <= estimate.high + 1e-12
 
 
 @pytest.mark.parametrize("level", [0.95, 0.9, 0.5])
@@ -143,7 +148,8 @@ def test_the_rate_interval_leaves_out_zero_exactly_where_the_test_rejects(
     (_, low, high), _ = paired_rate_difference(
         *pairs(only_first, only_second, neither=neither), level
     )
-    p, limit = two_sided(only_first, only_second), 1 - Fraction(str(level))
+    p = two_sided(only_first, only_second)
+    limit = 1 - Fraction(str(level))
     if p != limit:  # then the interval ends at zero, up to rounding
         assert (low > 0 or high < 0) == (p < limit)
     else:
@@ -160,9 +166,9 @@ def test_a_rate_difference_is_mirrored_when_its_sides_change(only_first, only_se
 
 
 def test_pairs_that_agree_say_nothing_for_either_side():
-    found, p = paired_rate_difference(*pairs(0, 0, both=7, neither=30))
-    assert (found.value, p) == (0.0, 1.0)
-    assert found.low <= 0 <= found.high
+    estimate, p = paired_rate_difference(*pairs(0, 0, both=7, neither=30))
+    assert (estimate.value, p) == (0.0, 1.0)
+    assert estimate.low <= 0 <= estimate.high
 
 
 @pytest.mark.parametrize(
@@ -171,8 +177,9 @@ def test_pairs_that_agree_say_nothing_for_either_side():
     ids=lambda rate: f"{rate:g}",
 )
 def test_the_rate_interval_covers_the_difference_about_as_often_as_it_says(only_first, only_second):
-    """Over all outcomes of 40 pairs, of which the differing ones of either kind are as likely as given."""
-    n, covered = 40, 0.0
+    """Sums over all outcomes of 40 pairs, with given probabilities of both kinds."""
+    n = 40
+    covered = 0.0
     for wins in range(n + 1):
         for losses in range(n + 1 - wins):
             counts = [wins, losses, n - wins - losses]

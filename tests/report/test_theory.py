@@ -20,32 +20,32 @@ from mppi_belief.verify.bands import at_least, at_most
 SOURCE = {"commit": "4a7f400", "dirty": False, "seed": 7}
 
 
-def made(name: str = "cole_hopf", value: float = 1e-13, panels: int = 2) -> Certificate:
+def certificate(name: str = "cole_hopf", value: float = 1e-13, panels: int = 2) -> Certificate:
     x = np.linspace(1.0, 2.0, 5)
     lines = [
         Line("line", x, x**2, "line", x**2 - 0.1, x**2 + 0.1),
         Line("points", x, x, "points", x - 0.2, x + 0.2),
     ]
     lines.append(Line("", x, 1 / x, "dashed"))
-    drawn = [Panel(f"panel {index}", "x (m)", "y", lines, "xy") for index in range(panels)]
+    figures_of_it = [Panel(f"panel {index}", "x (m)", "y", lines, "xy") for index in range(panels)]
     checks = [
         at_most("residual", value, 1e-12, "rounding"),
         at_least("size", 2.0, 1.0, "closed form"),
     ]
-    return Certificate(name, f"Statement of {name}", f"What {name} covers.", checks, drawn)
+    return Certificate(name, f"Statement of {name}", f"What {name} covers.", checks, figures_of_it)
 
 
 def stored(*certificates: Certificate) -> list[StoredCertificate]:
-    return [StoredCertificate(one, 1.25, SOURCE) for one in certificates]
+    return [StoredCertificate(item, 1.25, SOURCE) for item in certificates]
 
 
 def test_what_is_stored_is_loaded_in_the_order_of_the_paper(tmp_path):
-    for one in stored(made("feynman_kac"), made("cole_hopf")):
-        store_certificate(tmp_path, one)
-    found = load_certificates(tmp_path)
-    assert [one.certificate.name for one in found] == ["cole_hopf", "feynman_kac"]
-    assert found[0].source == SOURCE
-    assert found[0].seconds == 1.25
+    for item in stored(certificate("feynman_kac"), certificate("cole_hopf")):
+        store_certificate(tmp_path, item)
+    loaded = load_certificates(tmp_path)
+    assert [item.certificate.name for item in loaded] == ["cole_hopf", "feynman_kac"]
+    assert loaded[0].source == SOURCE
+    assert loaded[0].seconds == 1.25
     assert (
         load_certificates(tmp_path, ["feynman_kac"])[0].certificate.statement
         == "Statement of feynman_kac"
@@ -54,13 +54,13 @@ def test_what_is_stored_is_loaded_in_the_order_of_the_paper(tmp_path):
 
 @pytest.mark.parametrize("content", ["", "[]", "{}", '{"certificate": {"checks": 3}}', "no json"])
 def test_a_file_that_is_no_certificate_counts_as_missing(tmp_path, content):
-    store_certificate(tmp_path, stored(made())[0])
+    store_certificate(tmp_path, stored(certificate())[0])
     (tmp_path / f"{CERTIFICATE_NAMES[0]}.json").write_text(content)
-    assert [one.certificate.name for one in load_certificates(tmp_path)] == ["cole_hopf"]
+    assert [item.certificate.name for item in load_certificates(tmp_path)] == ["cole_hopf"]
 
 
 def test_the_terminal_shows_every_number_with_its_band_and_verdict(tmp_path, capsys):
-    assert show_certificates(stored(made()), stored(made()), tmp_path)
+    assert show_certificates(stored(certificate()), stored(certificate()), tmp_path)
     lines = capsys.readouterr().out.splitlines()
     assert lines[0] == "Statement of cole_hopf  (1.2 s)"
     assert lines[1].split() == ["residual", "1e-13", "≤", "1e-12", "holds"]
@@ -69,15 +69,15 @@ def test_the_terminal_shows_every_number_with_its_band_and_verdict(tmp_path, cap
 
 
 def test_a_failure_is_told_and_returned(tmp_path, capsys):
-    two = stored(made(), made("feynman_kac", value=1.0))
+    two = stored(certificate(), certificate("feynman_kac", value=1.0))
     assert not show_certificates(two, two, tmp_path)
-    said = capsys.readouterr().out
-    assert said.count("FAILS") == 1
-    assert "1 of 2 certificates hold" in said
+    printed = capsys.readouterr().out
+    assert printed.count("FAILS") == 1
+    assert "1 of 2 certificates hold" in printed
 
 
 def test_the_files_have_the_full_numbers_and_the_figures(tmp_path):
-    both = stored(made(value=0.1 + 0.2), made("feynman_kac"))
+    both = stored(certificate(value=0.1 + 0.2), certificate("feynman_kac"))
     show_certificates(both[:1], both, tmp_path)
     numbers = pd.read_csv(tmp_path / "certificates.csv")
     assert numbers["value"][0] == 0.1 + 0.2
@@ -92,19 +92,19 @@ def test_the_files_have_the_full_numbers_and_the_figures(tmp_path):
 
 
 def test_the_page_has_an_overview_and_a_section_for_each(tmp_path):
-    first, one, other = theory.theory_sections(
-        stored(made(), made("feynman_kac", value=1.0, panels=0)), tmp_path
+    first, item, failing = theory.theory_sections(
+        stored(certificate(), certificate("feynman_kac", value=1.0, panels=0)), tmp_path
     )
     assert list(first.tables[0].frame["Verdict"]) == ["holds", "FAILS"]
     assert list(first.tables[0].frame["Hold"]) == ["2", "1"]
-    assert theory.theory_provenance(stored(made())) == [("certificates", "4a7f400, seed 7")]
+    assert theory.theory_provenance(stored(certificate())) == [("certificates", "4a7f400, seed 7")]
     assert theory.theory_provenance([]) == []
-    assert one.title == "Statement of cole_hopf"
-    assert [picture.file for picture in one.pictures] == ["theory_cole_hopf.png"]
-    assert one.tables[0].bold == []
-    assert other.pictures == []
-    frame = other.tables[0].frame
-    assert [frame.iat[cell] for cell in other.tables[0].bold] == ["FAILS"]
+    assert item.title == "Statement of cole_hopf"
+    assert [picture.file for picture in item.pictures] == ["theory_cole_hopf.png"]
+    assert item.tables[0].bold == []
+    assert failing.pictures == []
+    frame = failing.tables[0].frame
+    assert [frame.iat[cell] for cell in failing.tables[0].bold] == ["FAILS"]
 
 
 def test_no_certificates_no_sections(tmp_path):
@@ -113,7 +113,7 @@ def test_no_certificates_no_sections(tmp_path):
 
 
 def test_curves_are_drawn_as_they_say(tmp_path):
-    figure = certificate_figure(made(panels=3).panels)
+    figure = certificate_figure(certificate(panels=3).panels)
     assert len(figure.axes) == 3
     axes = figure.axes[0]
     line, points, dashed = axes.lines
@@ -128,16 +128,17 @@ def test_curves_are_drawn_as_they_say(tmp_path):
 
 
 def test_what_holds_for_a_system_is_written_beside(tmp_path, capsys):
-    show_system_certificate(made("mine", value=1.0), tmp_path)
-    said = capsys.readouterr().out
-    assert "does not hold" in said
-    assert "What mine covers." in said
+    show_system_certificate(certificate("mine", value=1.0), tmp_path)
+    printed = capsys.readouterr().out
+    assert "does not hold" in printed
+    assert "What mine covers." in printed
     assert "does not hold" in (tmp_path / "mine.md").read_text()
     assert list(pd.read_csv(tmp_path / "mine.csv")["holds"]) == [False, True]
 
 
 def test_what_should_be_known_before_trusting_them():
-    good, bad = made(), made("feynman_kac", value=1.0)
+    good = certificate()
+    bad = certificate("feynman_kac", value=1.0)
     assert theory.theory_warnings(stored(good)) == []
     assert theory.theory_warnings(stored(good, bad)) == ["Statement of feynman_kac does not hold."]
     changed = [
@@ -152,15 +153,17 @@ def test_a_curve_with_a_hole_is_drawn_after_it_was_stored(tmp_path):
     panel = Panel(
         "t", "x", "y", [Line("band", [1, 2, 3], hole, "line", hole, [2, 2, float("inf")])]
     )
-    store_certificate(tmp_path, StoredCertificate(made()._replace(panels=[panel]), 1.0, SOURCE))
-    (found,) = load_certificates(tmp_path)
-    assert np.isnan(found.certificate.panels[0].lines[0].y[1])
-    certificate_figure(found.certificate.panels).savefig(tmp_path / "drawn.png")
+    store_certificate(
+        tmp_path, StoredCertificate(certificate()._replace(panels=[panel]), 1.0, SOURCE)
+    )
+    (loaded,) = load_certificates(tmp_path)
+    assert np.isnan(loaded.certificate.panels[0].lines[0].y[1])
+    certificate_figure(loaded.certificate.panels).savefig(tmp_path / "drawn.png")
 
 
 @pytest.mark.parametrize("change", [{"source": None}, {"seconds": None}, {"source": [1]}])
 def test_a_certificate_without_its_origin_counts_as_missing(tmp_path, change):
-    store_certificate(tmp_path, stored(made())[0])
+    store_certificate(tmp_path, stored(certificate())[0])
     path = tmp_path / "cole_hopf.json"
     path.write_text(json.dumps(json.loads(path.read_text()) | change))
     assert load_certificates(tmp_path) == []

@@ -11,41 +11,41 @@ from mppi_belief.report.cell_results import CellResults
 from mppi_belief.report.sections import study_sections
 from mppi_belief.report.sections.two_lanes import arrival_rate, filter_panels
 from mppi_belief.report.statistics import proportion_interval
-from report_helpers import SCENE, held, lost, setting, trials
+from report_helpers import SCENE, cell_of, failed_trial, results_of, trial_rows
 
 pytestmark = pytest.mark.long
 
 STARTS = [[0.5, 1.6], [0.5, -1.6]]
 
 
-def found(method: str, hits: int, arrived: int, **swept) -> CellResults:
+def cell_with(method: str, hits: int, arrived: int, **swept) -> CellResults:
     """Twenty trials of a method, of which the last ones arrive, and one that went wrong."""
     theta = swept.pop("theta", float("nan"))
     rows = [
-        one | {"final_distance": 0.9 if one["trial"] >= 20 - arrived else 1.1}
-        for one in trials(20, hits)
+        cell_item | {"final_distance": 0.9 if cell_item["trial"] >= 20 - arrived else 1.1}
+        for cell_item in trial_rows(20, hits)
     ]
-    return held(setting(method, theta=theta, **swept), [*rows, lost(20)])
+    return results_of(cell_of(method, theta=theta, **swept), [*rows, failed_trial(20)])
 
 
-def pictured(one: CellResults) -> CellResults:
+def pictured(cell_item: CellResults) -> CellResults:
     steps = [{"trial": 3, "step": k, "state": np.array([k, 1.0, 0, 0])} for k in range(3)]
-    return one._replace(paths=pd.DataFrame(steps), scene=SCENE | {"starts": STARTS})
+    return cell_item._replace(paths=pd.DataFrame(steps), scene=SCENE | {"starts": STARTS})
 
 
 def study() -> list[CellResults]:
     return [
-        found("belief", 1, 18, theta=1.0, filter="mixture"),
-        found("belief", 4, 7, theta=1.0, filter="ekf"),
-        found("belief", 2, 9, theta=0.0, filter="ekf"),
-        found("belief", 0, 0, theta=1.0, filter="mixture", schedule="moments"),
-        found("ce", 8, 15, filter="ekf"),
-        found("pipf", 3, 12),
+        cell_with("belief", 1, 18, theta=1.0, filter="mixture"),
+        cell_with("belief", 4, 7, theta=1.0, filter="ekf"),
+        cell_with("belief", 2, 9, theta=0.0, filter="ekf"),
+        cell_with("belief", 0, 0, theta=1.0, filter="mixture", schedule="moments"),
+        cell_with("ce", 8, 15, filter="ekf"),
+        cell_with("pipf", 3, 12),
     ]
 
 
 def test_arrivals_are_counted_among_the_trials_that_went_well():
-    assert [arrival_rate(one) for one in study()] == [
+    assert [arrival_rate(cell_item) for cell_item in study()] == [
         proportion_interval(k, 20) for k in (18, 7, 9, 0, 15, 12)
     ]
 
@@ -73,7 +73,7 @@ def test_the_section_says_who_collides_and_who_arrives(tmp_path):
 
 
 def test_the_picture_has_both_filters_of_each_planner_and_every_start(tmp_path):
-    runs = filter_panels([pictured(one) for one in study()])
+    runs = filter_panels([pictured(cell_item) for cell_item in study()])
     assert [run.title for run in runs] == [
         "MPPI-Belief, filter=mixture",
         "MPPI-Belief, filter=ekf",
@@ -83,9 +83,9 @@ def test_the_picture_has_both_filters_of_each_planner_and_every_start(tmp_path):
     assert isinstance(figure, Figure)
     FigureCanvasAgg(figure).draw()
     for axes in figure.axes[:3]:
-        drawn = [
+        starts = [
             list(zip(*line.get_data(), strict=True))
             for line in axes.lines
             if line.get_marker() == "o"
         ]
-        np.testing.assert_allclose(drawn, [STARTS])
+        np.testing.assert_allclose(starts, [STARTS])
