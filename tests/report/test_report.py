@@ -238,7 +238,7 @@ def stored(root: Path, *table: dict[str, Any], **cell: Any) -> Cell:
 
 
 def outcome(ran: dict[str, int], stored: int = 0) -> Any:
-    return SimpleNamespace(ran=ran, found=dict.fromkeys(ran, stored))
+    return SimpleNamespace(ran=ran, done_before=dict.fromkeys(ran, stored))
 
 
 def test_the_overview_prints_a_table_draws_and_counts_failures(tmp_path, capsys):
