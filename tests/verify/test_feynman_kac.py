@@ -130,13 +130,3 @@ def test_the_schedule_of_fewer_steps_is_the_beginning_of_that_of_more(setting):
         np.testing.assert_allclose(shorter.cov, along.cov[:5], rtol=1e-12)
         np.testing.assert_allclose(shorter.factors, along.factors[:4], rtol=1e-12)
         assert set(np.asarray(along.ranks)) == {1}
-
-
-def test_the_rate_is_a_weighted_fit(rng):
-    sizes = 2 ** np.arange(3, 9)
-    relative = rng.uniform(0.02, 0.2, 6)
-    rms = sizes**-0.4 * np.exp(relative * rng.normal(size=6))
-    slope, error = fitted_rate(sizes, rms, relative)
-    fit, cov = np.polyfit(np.log(sizes), np.log(rms), 1, w=1 / relative, cov="unscaled")
-    assert slope == pytest.approx(fit[0])
-    assert error == pytest.approx(np.sqrt(cov[0, 0]))

@@ -1,5 +1,7 @@
 """Proposition 3: its certificate, that it can fail, and the constructions of (i) and (ii)."""
 
+import itertools
+
 import numpy as np
 import pytest
 
@@ -39,7 +41,7 @@ def test_all_relations_of_the_ranges_occur():
         (True, False),
         (False, False),
     }
-    assert {case.G.shape for case in chosen} == {(n, nu) for n in range(1, 6) for nu in range(1, 6)}
+    assert {case.G.shape for case in chosen} == set(itertools.product(range(1, 6), repeat=2))
     for case in chosen:  # what is known of them, by NumPy alone
         rank = np.linalg.matrix_rank
         both = rank(
