@@ -26,6 +26,7 @@ from document import write_between  # noqa: E402
 from environments import ROOT  # noqa: E402
 from mppi_belief.belief.prior import sample_prior  # noqa: E402
 from mppi_belief.config.compose import collect  # noqa: E402
+from mppi_belief.config.request import Request  # noqa: E402
 from mppi_belief.results.provenance import provenance  # noqa: E402
 from mppi_belief.simulate import (  # noqa: E402
     FILTER,
@@ -145,7 +146,7 @@ def measure(rounds: int) -> dict[str, list[float]]:
 
 def subject(row: Row) -> Callable[[int], None]:
     """Returns the compiled call of a row, which computes step k of a trial and waits for it."""
-    (config,) = collect([*row.overrides, f"problem.steps={STEPS}"])
+    (config,) = collect(Request((*row.overrides, f"problem.steps={STEPS}")))
     parts = build(config)
     act = jax.jit(
         lambda parts, belief, plan, key: _step_result(

@@ -25,6 +25,7 @@ from document import write_between  # noqa: E402
 from environments import ROOT  # noqa: E402
 from mppi_belief import MPPI  # noqa: E402
 from mppi_belief.config.compose import collect  # noqa: E402
+from mppi_belief.config.request import Request  # noqa: E402
 from mppi_belief.simulate import closed_loop  # noqa: E402
 from mppi_belief.trial import CellParts, build, time_steps  # noqa: E402
 
@@ -70,7 +71,7 @@ def measure(name: str, n_keys: int) -> list[dict[str, Any]]:
 
     Both are measured with plain samples and with mirrored ones.
     """
-    (config,) = collect([f"controller={name}"])
+    (config,) = collect(Request((f"controller={name}",)))
     parts = build(config)
     moment_stack = moments(parts)
     exact = controls(parts, moment_stack, LIMIT[0], False, LIMIT[1], SEED + 1).mean(
@@ -88,7 +89,7 @@ def measure(name: str, n_keys: int) -> list[dict[str, Any]]:
                 f"planner.n_samples={n}",
                 f"controller.sampler.antithetic={mirrored}",
             ]
-            seconds = time_steps(collect(overrides)[0], 200)
+            seconds = time_steps(collect(Request(tuple(overrides)))[0], 200)
             row[label] = {
                 "rmse": float(np.sqrt(squares[label].mean())),
                 "ms": 1e3 * float(np.median(seconds)),

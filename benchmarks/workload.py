@@ -3,11 +3,12 @@
 from typing import Any
 
 from mppi_belief.config.compose import collect
+from mppi_belief.config.request import Request
 
 
 def workload(overrides: list[str] | None = None) -> dict[str, Any]:
     """Returns dynamics, costs and sampling of `controller=ce`: SI units, diagonal weights."""
-    (config,) = collect(["controller=ce", *(overrides or [])])
+    (config,) = collect(Request(("controller=ce", *(overrides or []))))
     cost = config["cost"]
     problem = config["problem"]
     planner = config["controller"]

@@ -14,6 +14,8 @@ from typing import Any, NamedTuple
 import pytest
 
 from mppi_belief.cli import main as cli
+from mppi_belief.cli import run
+from mppi_belief.config import compose as composing
 from mppi_belief.config import targets
 from mppi_belief.config.conf_files import conf_dir
 
@@ -39,13 +41,13 @@ def restored() -> Iterator[None]:
     path = list(sys.path)
     environment = dict(os.environ)
     folder = Path.cwd()
-    allowed = list(targets._FOLDERS)
+    allowed = list(targets.ALLOWED_FOLDERS)
     try:
         yield
     finally:
         sys.argv = argv
         sys.path[:] = path
-        targets._FOLDERS[:] = allowed
+        targets.ALLOWED_FOLDERS[:] = allowed
         os.chdir(folder)
         os.environ.clear()
         os.environ.update(environment)
@@ -70,7 +72,7 @@ def collect(*args: str) -> list[dict[str, Any]]:
 @cache
 def _collected(args: tuple[str, ...]) -> list[dict[str, Any]]:
     with restored():
-        return cli.collect(args)
+        return composing.collect(run.parse(args))
 
 
 def compose(*args: str) -> dict[str, Any]:

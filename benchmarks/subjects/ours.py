@@ -16,6 +16,7 @@ import jax  # noqa: E402  the environment must be set before JAX starts
 import jax.numpy as jnp  # noqa: E402
 
 from mppi_belief.config.compose import collect  # noqa: E402
+from mppi_belief.config.request import Request  # noqa: E402
 from mppi_belief.trial import build, time_steps  # noqa: E402
 from plant import WARM_UP, Workload, judge, plant_step  # noqa: E402
 
@@ -27,7 +28,7 @@ def make(name: str, workload: Workload, dtype: str) -> "Controller":
 
 def config_of(controller: str, dtype: str) -> dict:
     """Returns the configuration that `mppi-belief run controller=... precision=...` runs."""
-    (config,) = collect([f"controller={controller}", f"precision={dtype}"])
+    (config,) = collect(Request((f"controller={controller}", f"precision={dtype}")))
     return config
 
 

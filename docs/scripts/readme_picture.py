@@ -2,9 +2,10 @@
 
 from pathlib import Path
 
-from mppi_belief.cli.main import collect
 from mppi_belief.cli.overview import overview_panel
 from mppi_belief.config.cell import Cell
+from mppi_belief.config.compose import collect
+from mppi_belief.config.request import Request
 from mppi_belief.report import figures
 from mppi_belief.report.cell_results import read_cell_results
 
@@ -15,7 +16,7 @@ def main() -> None:
     """Reads the Table I results of both planners; writes trajectories.png and animation.gif."""
     runs = []
     cells = []
-    for config in collect(["experiment=table_1", "controller=belief,ce"]):
+    for config in collect(Request(("experiment=table_1", "controller=belief,ce"))):
         results = read_cell_results(Cell(config), Path(config["results_dir"]), config["n_trials"])
         run = overview_panel(results)
         if run is None:

@@ -6,7 +6,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from mppi_belief.cli.main import collect
+from mppi_belief.config.compose import collect
+from mppi_belief.config.request import Request
 from mppi_belief.report import published
 from mppi_belief.report.statistics import mean_z, proportion_z, spread_z
 
@@ -134,7 +135,9 @@ STARTS = (
 
 def base_configs() -> dict[str, dict[str, Any]]:
     """Returns the composed configuration of each method."""
-    return {method: collect([f"controller={method}", f"seed={SEED}"])[0] for method in METHODS}
+    return {
+        method: collect(Request((f"controller={method}", f"seed={SEED}")))[0] for method in METHODS
+    }
 
 
 def configure(base: dict[str, Any], candidate: dict[str, Any]) -> dict[str, Any]:

@@ -27,7 +27,10 @@ from cli_helpers import (
     python,
     restored,
 )
-from mppi_belief.cli import main as cli
+from mppi_belief.cli import exit_codes
+from mppi_belief.cli.main import module_of
+from mppi_belief.config.compose import collect as collect_request
+from mppi_belief.config.request import Request
 from mppi_belief.config.settings import Planner, Settings
 from mppi_belief.results import files
 
@@ -227,11 +230,11 @@ def test_swept_settings_are_labels_and_what_does_not_change_a_trial_is_not():
 
 def test_one_call_leaves_nothing_behind_for_the_next(mppi_belief_command):
     with restored():
-        first = cli.collect(["controller=ce"])
+        first = collect_request(Request(("controller=ce",)))
         assert mppi_belief_command("run", "theta=abc").code == 2
         assert mppi_belief_command("run", "--help").code == 0
-        assert len(cli.collect(["-m", "theta=0,1"])) == 2
-        assert cli.collect(["controller=ce"]) == first
+        assert len(collect_request(Request(("theta=0,1",), multirun=True))) == 2
+        assert collect_request(Request(("controller=ce",))) == first
 
 
 def test_a_users_yaml_is_found_by_config_dir_from_anywhere(tmp_path):
@@ -332,7 +335,7 @@ def test_the_script_for_bash_completes(tmp_path):
         PATH={folder}:$PATH
         eval "$(mppi-belief -sc install=bash)"
         COMP_LINE="mppi-belief run contr" COMP_POINT=21 COMP_CWORD=2
-        hydra_bash_completion
+        _mppi_belief_completion
         echo "${{COMPREPLY[@]}}"
     """
     assert python(
@@ -341,9 +344,8 @@ def test_the_script_for_bash_completes(tmp_path):
 
 
 SWALLOWS = """
-import signal, time
-from mppi_belief import cli
-cli.GRACE = 0.5
+import sys, time
+from mppi_belief.run.signals import ended_by_signals
 def careless():
     while True:
         try:
@@ -351,7 +353,7 @@ def careless():
             time.sleep(60)
         except BaseException:
             pass
-cli._stoppable(careless)
+ended_by_signals(careless, lambda: print("stopped", file=sys.stderr), grace=0.5)
 """
 
 
@@ -363,4 +365,38 @@ def test_a_command_that_takes_the_signal_for_its_own_ends_all_the_same(number):
         assert process.stdout.readline() == "in its hands\n"
         process.send_signal(number)
         _, said = process.communicate(timeout=TIMEOUT)
-    assert (process.returncode, said) == (128 + number, "mppi-belief: stopped\n")
+    assert (process.returncode, said) == (128 + number, "stopped\n")
+
+
+def test_the_docs_have_the_exit_codes_of_the_commands():
+    assert exit_codes.markdown() in (CONF.parent / "docs" / "reliability.md").read_text()
+
+
+@pytest.mark.parametrize("command_name", ["run", "report", "verify", "results", "replay"])
+def test_the_help_of_a_command_names_its_options_and_exit_codes(command_name, mppi_belief_command):
+    said = mppi_belief_command(command_name, "--help")
+    assert (said.code, said.err) == (0, "")
+    assert said.out.startswith(f"usage: mppi-belief {command_name} ")
+    assert all(option in said.out for option in module_of(command_name).parser().options)
+    for entry in exit_codes.meanings_of(command_name):
+        assert re.search(rf"^  {entry.code} +{re.escape(entry.meaning)}$", said.out, re.MULTILINE)
+
+
+def test_a_sweep_starts_from_the_first_of_its_values():
+    """A key that only the swept options of a group have is known."""
+    configs = collect("-m", "controller=ilqg", "controller.max_iterations=1,2")
+    assert [config["controller"]["max_iterations"] for config in configs] == [1, 2]
+    configs = collect("-m", "controller=pipf,ilqg", "seed=1")
+    assert [config["names"]["controller"] for config in configs] == ["pipf", "ilqg"]
+
+
+def test_info_names_the_file_of_each_group(mppi_belief_command, tmp_path):
+    (tmp_path / "mine" / "controller").mkdir(parents=True)
+    mine = tmp_path / "mine" / "controller" / "mine.yaml"
+    mine.write_text("_target_: mppi_belief.LQG\nhorizon: 3\n")
+    args = ["--config-dir", "mine", "controller=mine", "--info", "defaults"]
+    said = mppi_belief_command("run", *args)
+    assert (said.code, said.err) == (0, "")
+    lines = [line.split() for line in said.out.splitlines()]
+    assert ["controller", "mine", "mine/controller/mine.yaml"] in lines
+    assert ["system", "light_dark", str(CONF / "system" / "light_dark.yaml")] in lines

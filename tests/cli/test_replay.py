@@ -11,7 +11,7 @@ import pytest
 
 from cli_helpers import SMALL, Said, call, compose, files_in
 from experiment_helpers import compiled_quickly
-from mppi_belief.cli.replay import _changes
+from mppi_belief.cli.replayed_trial import changes_since
 from mppi_belief.config.cell import ALGORITHM_VERSION, Cell
 from mppi_belief.results import table as results
 from mppi_belief.trial import run_trials, trials
@@ -262,6 +262,6 @@ def test_code_that_has_changed_since_is_told():
     }
     now |= dict.fromkeys(("algorithm", "processor", "platform", "device"), "same")
     then = {"config": {"code": {"mine": "aa", "yours": "cc"}}}
-    assert _changes(then, now | {"code": {"mine": "bb", "yours": "cc"}}) == [
+    assert changes_since(then, now | {"code": {"mine": "bb", "yours": "cc"}}) == [
         "code of mine aa, now bb"
     ]

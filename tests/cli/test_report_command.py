@@ -4,7 +4,8 @@ import copy
 import os
 import re
 import shlex
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -16,9 +17,10 @@ import pyarrow.parquet as pq
 import pytest
 
 from cli_helpers import Said, call, collect, files_in, python
-from mppi_belief.cli import main as cli
+from mppi_belief.config import compose as composing
 from mppi_belief.config.cell import Cell
 from mppi_belief.config.conf_files import conf_dir
+from mppi_belief.config.request import Request
 from mppi_belief.report.build import STUDIES
 from report_helpers import failed_trial, random_trials, store_pictured, store_results
 
@@ -27,22 +29,22 @@ TRIAL = 1  # that the study records
 FILES = ["index.html", "table_1.csv", "table_1.md", "table_1.tex"]
 
 
-collect_anew = cli.collect
+collect_anew = composing.collect
 
 
 @cache
-def composed(args: tuple[str, ...]) -> list[dict[str, Any]]:
-    return collect_anew(args)
+def composed(request: Request) -> list[dict[str, Any]]:
+    return collect_anew(request)
 
 
 @pytest.fixture(autouse=True)
 def composed_once(monkeypatch: pytest.MonkeyPatch) -> None:
     """Hydra takes a second for the cells of a study; what it makes of the same arguments is the same."""
 
-    def collect(args: Sequence[str]) -> list[dict[str, Any]]:
-        return copy.deepcopy(composed(tuple(args)))
+    def collect(request: Request) -> list[dict[str, Any]]:
+        return copy.deepcopy(composed(replace(request, command=())))
 
-    monkeypatch.setattr(cli, "collect", collect)
+    monkeypatch.setattr(composing, "collect", collect)
 
 
 @pytest.fixture

@@ -99,9 +99,9 @@ def test_some_of_them_leave_the_others_alone(verify, instant, tmp_path):
             "verify: either certificates or a system, not 'cole_hopf' with",
         ),
         (["sede=3"], "unknown key 'sede'; did you mean 'seed'?"),
-        (["seed=-1"], "seed=-1: must be at least 0"),
+        (["seed=-1"], "seed must be at least 0, got -1"),
         (["-m", "theta=0,1"], "verify: one system at a time"),
-        (["verify_dir="], "verify_dir: must name a folder"),
+        (["verify_dir="], "verify_dir must name a folder"),
         (
             ["cole_hopf", "seed=1", "theta=0"],
             "verify: either certificates or a system, not 'cole_hopf' with 'theta=0'",

@@ -16,9 +16,9 @@ OPTIONS = r"no such option, choose from .*"
 @pytest.mark.parametrize(
     ("args", "line"),
     [
-        (["theta=abc"], r"theta=abc: must be a number"),
-        (["n_trials=1.5"], r"n_trials=1\.5: must be a whole number"),
-        (["planner.horizon=many"], r"planner\.horizon=many: must be a whole number"),
+        (["theta=abc"], r"theta must be a number, got abc"),
+        (["n_trials=1.5"], r"n_trials must be a whole number, got 1\.5"),
+        (["planner.horizon=many"], r"planner\.horizon must be a whole number, got many"),
         (["controler=belief"], r"unknown key 'controler'; did you mean 'controller'\?"),
         (
             ["controller=beleif"],
@@ -45,8 +45,8 @@ OPTIONS = r"no such option, choose from .*"
         ),
         (["+planner.foo=1"], r"unknown key 'planner\.foo'; .*"),
         (["theta=1,2"], r"theta=1,2: several values; add -m to sweep over them"),
-        (["-m", "theta=1,abc"], r"theta=abc: must be a number"),
-        (["-m", "theta=1,-1"], r"theta=-1: must be at least 0"),
+        (["-m", "theta=1,abc"], r"theta must be a number, got abc"),
+        (["-m", "theta=1,-1"], r"theta must be at least 0, got -1"),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, list) else "",
 )

@@ -12,9 +12,8 @@ from hypothesis import strategies as st
 
 from cli_helpers import CONF, SMALL, Said, call, compose, files_in
 from experiment_helpers import compiled_quickly
-from mppi_belief.cli import main as cli
-from mppi_belief.config import sweep as jobs
-from mppi_belief.report import build as write
+from mppi_belief.cli import run, verify
+from mppi_belief.report import build
 from mppi_belief.run import runner
 
 LINE = r"mppi-belief: [^\n]{1,700}\n"
@@ -39,10 +38,10 @@ def asking(folder: Path, capsys: Any, monkeypatch: pytest.MonkeyPatch) -> Callab
             task.check(cell.config)
 
     monkeypatch.setattr(runner, "run_study", run_study)
-    monkeypatch.setattr(cli, "_tell", lambda *args: 0)
-    monkeypatch.setattr(cli, "_certify", lambda *args: 0)
-    monkeypatch.setattr(cli, "_what_holds", lambda *args: 0)
-    monkeypatch.setattr(write, "report_studies", lambda *args: True)
+    monkeypatch.setattr(run, "show_outcome", lambda *args: 0)
+    monkeypatch.setattr(verify, "verify_paper", lambda *args: 0)
+    monkeypatch.setattr(verify, "verify_system", lambda *args: 0)
+    monkeypatch.setattr(build, "report_studies", lambda *args: True)
     return lambda *args: call(folder, capsys, *args)
 
 
@@ -306,17 +305,11 @@ def test_nonsense_is_refused(line, ask, tmp_path):
     assert files_in(tmp_path) == []
 
 
-LAUGHS = "a0: &a0 [x, x]\n" + "".join(
-    f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 9)}]\n" for n in range(1, 12)
-)
 GOOD = "_target_: mppi_belief.LQG\nhorizon: 0\n"
 YAML = {
-    "an alias bomb": (LAUGHS.encode(), r"more than 10000 values"),
-    "an alias in itself": (b"a: &a [*a]\n", r"\*a contains itself"),
+    "an alias in itself": (b"a: &a [*a]\n", r"contains itself"),
     "an alias of nothing": (b"a: *b\n", r"bad\.yaml:1: .*undefined alias"),
-    "a huge file": (b"# " + b"x" * 200_000, r"more than 100000 bytes"),
-    "many values": (b"a: [" + b"1," * 20_000 + b"]", r"more than 10000 values"),
-    "a deep list": (b"a: " + b"[" * 9000, r"nested more than 50 deep"),
+    "a deep list": (b"a: " + b"[" * 9000, r"nested too deeply"),
     "binary": (bytes(range(128, 256)), r"must be UTF-8"),
     "a tab": (b"gain:\n\t1\n", r"bad\.yaml:2: .*\\t"),
     "a key twice": (b"gain: 1\ngain: 2\n", r"bad\.yaml:\d: found duplicate key gain"),
@@ -326,11 +319,11 @@ YAML = {
     ),
     "a path tag": (
         b"_target_: mppi_belief.LQG\nhorizon: !!python/object/apply:pathlib.Path [x]\n",
-        r"horizon=.*number",
+        r"horizon must be a number",
     ),
     "bytes": (
         b"_target_: mppi_belief.LQG\nhorizon: !!binary aGk=\n",
-        r"horizon=.*must be a number",
+        r"horizon must be a number",
     ),
     "keys of numbers": (b"_target_: mppi_belief.LQG\n1: 2\n", r"controller/bad\.yaml: Key .*1"),
     "a list": (b"[1, 2]\n", r"bad"),
@@ -345,14 +338,6 @@ YAML = {
         b"_target_: mppi_belief.LQG\nhorizon:\n  _target_: os.system\n",
         r"horizon\._target_=os",
     ),
-    "a callback": (
-        b"# @package hydra.callbacks\nx:\n  _target_: antigravity.X\n",
-        r"hydra\.callbacks cannot be set",
-    ),
-    "a folder": (
-        b"# @package _global_\nhydra:\n  job:\n    chdir: true\n",
-        r"hydra\.job\.chdir cannot be set",
-    ),
     "itself": (b"defaults:\n  - bad\n", r"contains itself"),
     "what is not there": (b"defaults:\n  - /controller: gone\n", r"gone"),
 }
@@ -364,27 +349,44 @@ def test_a_bad_yaml_is_refused_by_name(what, ask, tmp_path):
     own = tmp_path / "own" / "controller"
     own.mkdir(parents=True)
     (own / "bad.yaml").write_bytes(content)
-    for more in ([], ["--help"]) if what in ("an alias bomb", "a callback") else ([],):
-        said = ask("run", "--config-dir=own", "controller=bad", *SMALL, *more)
-        assert said.code == 2, said
-        assert re.fullmatch(LINE, said.err), said.err
-        assert re.search(reason, said.err), said.err
+    said = ask("run", "--config-dir=own", "controller=bad", *SMALL)
+    assert said.code == 2, said
+    assert re.fullmatch(LINE, said.err), said.err
+    assert re.search(reason, said.err), said.err
     assert files_in(tmp_path) == ["own"]
 
 
-def test_a_byte_order_mark_hides_no_package(ask, tmp_path):
+HYDRAS_OWN = {
+    "a callback": "# @package hydra.callbacks\nx:\n  _target_: antigravity.X\n",
+    "a folder": "# @package _global_\nhydra:\n  job:\n    chdir: true\n  run:\n    dir: here\n",
+    "a launcher": "# @package hydra.launcher\n_target_: antigravity.X\n",
+}
+
+
+@pytest.mark.parametrize("what", HYDRAS_OWN)
+def test_settings_of_hydra_in_a_yaml_have_no_effect(what, ask, tmp_path):
+    own = tmp_path / "own" / "experiment"
+    own.mkdir(parents=True)
+    (own / "mine.yaml").write_text(HYDRAS_OWN[what])
+    assert ask("run", "--config-dir=own", "experiment=mine", *SMALL) == (0, "", "")
+    assert files_in(tmp_path) == ["own"]
+    assert "antigravity" not in sys.modules
+
+
+def test_a_byte_order_mark_before_the_package_is_refused(ask, tmp_path):
     (tmp_path / "own" / "experiment").mkdir(parents=True)
     (tmp_path / "own" / "experiment" / "mine.yaml").write_bytes(
-        b"\xef\xbb\xbf# @package _global_\ntheta: -1\n"
+        b"\xef\xbb\xbf# @package _global_\ntheta: 2\n"
     )
-    assert "theta=-1: must be at least 0" in ask("run", "--config-dir=own", "experiment=mine").err
+    said = ask("run", "--config-dir=own", "experiment=mine")
+    assert said.code == 2
+    assert re.fullmatch(LINE, said.err)
 
 
 def test_a_configuration_that_makes_sense_is_accepted(ask, tmp_path):
     own = tmp_path / "own" / "controller"
     own.mkdir(parents=True)
     (own / "good.yaml").write_text(GOOD)
-    jobs._usual.cache_clear()  # as in a fresh process
     assert ask("run", "--config-dir=own", "controller=good", *SMALL) == (0, "", "")
     assert ask("run", *SMALL, "theta=0.5", "results_dir=${oc.env:HOME}/x") == (0, "", "")
     assert files_in(tmp_path) == ["own"]

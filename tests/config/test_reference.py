@@ -6,7 +6,9 @@ from cli_helpers import CONF, compose
 from mppi_belief.config.reference import reference, reference_settings
 
 FILES = [
-    path for group in ("system", "cost", "filter", "controller") for path in CONF.glob(f"{group}/*")
+    path
+    for group in ("system", "cost", "filter", "controller")
+    for path in CONF.glob(f"{group}/*.yaml")
 ]
 NEEDED = {"station": ["system=steered"], "quadratic": ["system=scalar_linear"]}
 

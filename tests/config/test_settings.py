@@ -102,14 +102,14 @@ def test_what_is_out_of_range_is_refused_by_name_in_one_line(key, value, reason)
 @pytest.mark.parametrize(
     ("group", "wrap", "path"),
     [
-        ("system", lambda x: {"light": x}, r"system\.light="),
+        ("system", lambda x: {"light": x}, r"system\.light "),
         (
             "problem",
             lambda x: {"obstacles": {"centers": [[1.0, 2.0], [3.0, x]]}},
-            r"problem\.obstacles\.centers=",
+            r"problem\.obstacles\.centers ",
         ),
-        ("planner", lambda x: {"temperature": x}, r"planner\.temperature="),
-        ("controller", lambda x: {"a": [{"b": x}]}, r"controller\.a\.b="),
+        ("planner", lambda x: {"temperature": x}, r"planner\.temperature "),
+        ("controller", lambda x: {"a": [{"b": x}]}, r"controller\.a\.b "),
     ],
 )
 def test_a_number_that_is_not_finite_is_found_however_deep(number, group, wrap, path):

@@ -62,7 +62,7 @@ def test_only_modules_of_allowed_folders_are_imported(tmp_path):
             ConfigError, match=r"^controller\._target_=only_here\.Y: AttributeError: .*'Y'"
         ):
             locate("only_here.Y", "controller")
-    assert str(tmp_path) not in targets._FOLDERS
+    assert str(tmp_path) not in targets.ALLOWED_FOLDERS
 
 
 @pytest.mark.parametrize(

@@ -13,6 +13,7 @@ from matplotlib.text import Annotation
 from cli_helpers import CONF, call, collect
 from mppi_belief.config.cell import Cell
 from mppi_belief.config.compose import grids
+from mppi_belief.config.request import Request
 from mppi_belief.report import figures
 from mppi_belief.report.cell_results import CellResults
 from mppi_belief.report.sections import study_sections
@@ -68,27 +69,29 @@ def belief() -> list[CellResults]:
 
 
 def test_a_study_is_its_yaml_and_those_that_begin_with_its_name_and_a_dot(tmp_path):
-    assert grids([f"experiment={STUDY}", "n_trials=3"]) == [
-        [f"experiment={STUDY}{name}", "n_trials=3"] for name in ("", ".ilqg", ".pipf")
+    assert grids(Request((f"experiment={STUDY}", "n_trials=3"))) == [
+        Request((f"experiment={STUDY}{name}", "n_trials=3")) for name in ("", ".ilqg", ".pipf")
     ]
-    for args in (
-        [],
-        ["theta=1"],
-        ["experiment=table_1"],
-        ["experiment="],
-        [f"experiment={STUDY}.pipf"],
+    for overrides in (
+        (),
+        ("theta=1",),
+        ("experiment=table_1",),
+        ("experiment=",),
+        (f"experiment={STUDY}.pipf",),
     ):
-        assert grids(args) == [args]
+        assert grids(Request(overrides)) == [Request(overrides)]
     (tmp_path / "experiment").mkdir()
     for name in ("mine.more.yaml", "mine_too.yaml"):
         (tmp_path / "experiment" / name).touch()
-    args = ["--config-dir", str(tmp_path), "experiment=mine"]
+    own = (str(tmp_path),)
+    request = Request(("experiment=mine",), own)
     (tmp_path / "experiment" / "mine.yaml").write_text(
         "hydra:\n  sweeper:\n    params:\n      theta: 0,1\n"
     )
-    assert grids(args) == [args, [*args[:2], "experiment=mine.more"]]
-    assert grids([*args, "theta=2"]) == [[*args, "theta=2"]]  # a part of the first grid
-    assert len(grids([*args, "seed=2"])) == 2
+    assert grids(request) == [request, Request(("experiment=mine.more",), own)]
+    part = Request(("experiment=mine", "theta=2"), own)  # of the first grid
+    assert grids(part) == [part]
+    assert len(grids(Request(("experiment=mine", "seed=2"), own))) == 2
 
 
 def test_the_study_has_table_1_among_its_cells_and_nothing_twice():
@@ -105,9 +108,7 @@ def test_a_configuration_is_printed_once(tmp_path, capsys):
 
 def test_every_file_of_the_study_is_documented():
     text = (CONF.parent / "experiments" / f"{STUDY}.md").read_text()
-    assert all(
-        f"experiment={grid[0].partition('=')[2]}" in text for grid in grids([f"experiment={STUDY}"])
-    )
+    assert all(grid.overrides[0] in text for grid in grids(Request((f"experiment={STUDY}",))))
 
 
 def test_a_line_says_time_samples_and_what_they_buy_above_the_best():

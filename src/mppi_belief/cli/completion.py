@@ -1,49 +1,100 @@
-"""Tab completion: the command words are ours, what follows `run` and `verify` is Hydra's."""
+"""Tab completion in bash: the script that is evaluated, and the words that it asks for.
+
+The commands come from `main.COMMANDS`, their options from their parsers, keys and options of groups from the
+configuration that the words before the cursor compose.
+"""
 
 import os
 from collections.abc import Sequence
+from typing import Any
 
-from ..config.compose import compose
+from omegaconf import OmegaConf
 
-COMMANDS = ("run", "report", "verify", "results", "replay")
-FIRST_WORDS = (*COMMANDS, "--help", "--version")
+from ..config.compose import first_job
+from ..config.conf_files import groups
+from ..config.request import Request
+from ..errors import ConfigError
+from . import exit_codes
+
+SCRIPT = r"""
+_mppi_belief_completion()
+{
+    local line
+    COMPREPLY=()
+    while IFS= read -r line; do
+        COMPREPLY+=("$line")
+    done < <(COMP_LINE="$COMP_LINE" COMP_POINT="$COMP_POINT" "${COMP_LINE%% *}" -sc query=bash)
+}
+COMP_WORDBREAKS=${COMP_WORDBREAKS//=}
+complete -o nospace -o default -F _mppi_belief_completion mppi-belief
+""".lstrip()
 
 
 def complete(args: Sequence[str]) -> int:
-    """Shell completion is Hydra's; the command word is ours and taken out of the line it sees."""
-    line = os.environ.get("COMP_LINE", "")
-    words = line.split()
-    if any(arg.startswith("query=") for arg in args):
-        if len(words) < 2 or (
-            len(words) == 2 and words[1] not in COMMANDS and not line.endswith(" ")
-        ):
-            print(
-                " ".join(
-                    word for word in FIRST_WORDS if len(words) < 2 or word.startswith(words[1])
-                )
-            )
-            return 0
-        if words[1] in ("results", "replay"):
-            from .result_words import complete as complete_words
-
-            print(*complete_words(words[1:], begun=not line.endswith(" ")), sep="\n")
-            return 0
-        if words[1] == "verify":
-            line = _complete_certificates(line, words)
-        os.environ["COMP_LINE"] = line.replace(f" {words[1]}", "", 1)
-    compose(args, lambda config: None)
-    return 0
+    """Carry out `mppi-belief -sc install=bash` or `query=bash`; returns the exit code."""
+    if "install=bash" in args:
+        print(SCRIPT, end="")
+    elif "query=bash" in args:
+        line = os.environ.get("COMP_LINE", "")
+        point = int(os.environ.get("COMP_POINT") or len(line))
+        for word in candidates(line[:point]):
+            print(word)
+    else:
+        raise ConfigError("-sc: must be followed by install=bash or query=bash")
+    return exit_codes.DONE
 
 
-def _complete_certificates(line: str, words: Sequence[str]) -> str:
-    """Print the certificates that the last word begins; the line without those that are there, for Hydra."""
-    from ..results.certificate import CERTIFICATE_NAMES
+def candidates(line: str) -> list[str]:
+    """Returns what the last word of a line may become; after a space, that is a new word."""
+    from .main import COMMANDS, FIRST_WORDS, module_of
 
-    begun = "" if line.endswith(" ") else words[-1]
-    print(
-        *(name for name in CERTIFICATE_NAMES if name.startswith(begun) and name not in words),
-        sep="\n",
-    )
-    for name in {*CERTIFICATE_NAMES}.intersection(words):
-        line = line.replace(f" {name}", "")
-    return line
+    words = line.split()[1:]
+    if not words or line.endswith(" "):
+        words.append("")
+    *before, last = words
+    if not before:
+        return [word for word in FIRST_WORDS if word.startswith(last)]
+    command, *before = before
+    if command not in COMMANDS:
+        return []
+    module = module_of(command)
+    if last.startswith("-"):
+        return [option for option in module.parser().options if option.startswith(last)]
+    return list(module.complete(before, last))
+
+
+def complete_setting(request: Request, last: str) -> list[str]:
+    """Returns what a word KEY=VALUE that is begun may become, in the configuration of a request."""
+    options = groups(request.config_dirs)
+    signs = last[: len(last) - len(last.lstrip("+~"))]
+    word = last.removeprefix(signs)
+    key, equals, value = word.partition("=")
+    if equals:
+        done, comma, begun = value.rpartition(",")  # of several options, the last is completed
+        matching = [option for option in options.get(key, []) if option.startswith(begun)]
+        return [f"{signs}{key}={done}{comma}{option}" for option in matching]
+    return [f"{signs}{name}" for name in _names(request, list(options), word)]
+
+
+def _names(request: Request, group_names: Sequence[str], begun: str) -> list[str]:
+    """Returns the keys and groups that begin so: `theta=`, `planner.`, `controller.` and `controller=`."""
+    parent = begun.rpartition(".")[0]
+    config = _composed(request)
+    node: Any = config
+    for part in filter(None, parent.split(".")):
+        node = node.get(part) if isinstance(node, dict) else None
+    names = {f"{group}=" for group in group_names if ("/" in group) == ("/" in begun)}
+    for key, value in (node if isinstance(node, dict) else {}).items():
+        path = f"{parent}.{key}" if parent else str(key)
+        names.add(f"{path}." if isinstance(value, dict) else f"{path}=")
+    return sorted(name for name in names if name.startswith(begun))
+
+
+def _composed(request: Request) -> dict[str, Any]:
+    """Returns the configuration of a request, or the default one where it cannot be composed yet."""
+    try:
+        config = first_job(request).config
+    except ConfigError:
+        config = first_job(Request()).config
+    composed: Any = OmegaConf.to_container(config, resolve=False)
+    return dict(composed)

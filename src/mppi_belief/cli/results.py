@@ -1,136 +1,90 @@
-"""`mppi-belief results`: what is in the results folder, and looking after it."""
+"""`mppi-belief results`: lists the cells of a results folder, shows, exports, compacts and checks them."""
 
-import sys
-from collections.abc import Callable, Sequence
-from pathlib import Path
+from collections.abc import Sequence
+from typing import NamedTuple
 
 from ..errors import ConfigError, unknown_key
-from ..report.frame_files import write_text_file
-from ..results.audit import audit
-from ..results.compact import compact
-from ..results.contents import read_cell, superseded
-from ..results.files import probe
-from ..results.folder import cell_folders, choose_cell
-from . import usage
-from .export import as_csv
-from .result_words import Words, read
-from .tables import bytes_in_words, description, listing
+from . import exit_codes
+from .parser import CommandParser
+from .results_request import ResultsRequest, matching_cells, read_request
 
-WRONG = 3
+SUMMARY = "what is in the results folder"
 
 
-def results(args: Sequence[str]) -> int:
-    """`mppi-belief results [show|export|compact|verify] ...`; the exit code."""
-    if any(arg in ("-h", "--help") for arg in args):
-        print(usage.RESULTS, end="")
-        return 0
-    told = read(args, "results", flags=["--csv"], valued=["--to"])
-    command, *rest = told.words or [""]
-    if command not in _COMMANDS:
-        raise ConfigError(
-            unknown_key(
-                command, [*filter(None, _COMMANDS)], "command", "mppi-belief results --help"
-            )
-        )
-    for option in told.options:
-        if command != "export":
-            raise ConfigError(f"{option} is an option of mppi-belief results export")
-    if len(told.options.get("--to", [])) > 1:
-        raise ConfigError("--to: one file at a time")
-    return _COMMANDS[command](told._replace(words=rest))
+class Form(NamedTuple):
+    """Describes a subcommand; `results_actions` has a function for each."""
+
+    usage: str
+    meaning: str
 
 
-def _chosen(told: Words) -> list[Path]:
-    """The folders of the cells that are named, each once; of all without a name."""
-    return list(dict.fromkeys(choose_cell(told.root, word) for word in told.words)) or cell_folders(
-        told.root
-    )
-
-
-def _list(told: Words) -> int:
-    found = [read_cell(folder) for folder in cell_folders(told.root)]
-    _complain([line for contents in found for line in contents.problems])
-    print(listing(found) if found else f"no results in {told.root}")
-    return 0
-
-
-def _show(told: Words) -> int:
-    if len(told.words) != 1:
-        raise ConfigError("results show: name one cell")
-    contents = read_cell(choose_cell(told.root, told.words[0]))
-    _complain(contents.problems)
-    print(description(contents))
-    return 0
-
-
-def _export(told: Words) -> int:
-    found = [read_cell(folder) for folder in _chosen(told)]
-    if not told.words:  # those that a report of today would find
-        found = [contents for contents in found if superseded(contents) is None]
-    _complain([line for contents in found for line in contents.problems])
-    text, count = as_csv(found)
-    target = told.options.get("--to")
-    if target is None:
-        print(text, end="")
-        return 0
-    if not target[0].strip() or Path(target[0]).is_dir():
-        raise ConfigError(f"--to {target[0]}: must name a file")
-    write_text_file(Path(target[0]), text)
-    print(f"{count} rows of {len(found)} cells in {target[0]}")
-    return 0
-
-
-def _compact(told: Words) -> int:
-    folders = _chosen(told)
-    merged = []
-    for folder in folders:
-        probe(folder)
-        merged.append(compact(folder))
-        _complain(merged[-1].problems)
-        if merged[-1].files[0] != merged[-1].files[1] or merged[-1].bytes[0] != merged[-1].bytes[1]:
-            print(f"{folder.name}: {_change(merged[-1].files, merged[-1].bytes)}")
-    before, after = (
-        (sum(one.files[at] for one in merged), sum(one.bytes[at] for one in merged))
-        for at in (0, 1)
-    )
-    print(f"{len(folders)} cells: {_change((before[0], after[0]), (before[1], after[1]))}")
-    return 0
-
-
-def _change(files: tuple[int, int], sizes: tuple[int, int]) -> str:
-    return f"{files[0]} files, {bytes_in_words(sizes[0])} -> {files[1]} files, {bytes_in_words(sizes[1])}"
-
-
-def _verify(told: Words) -> int:
-    folders = _chosen(told)
-    wrong = checked = 0
-    for folder in folders:
-        contents = read_cell(folder)
-        problems = audit(contents)
-        for line in problems:
-            print(line if line.startswith(str(folder)) else f"{folder}: {line}", flush=True)
-        wrong += len(problems)
-        checked += (
-            len(contents.parts) + len(contents.paths) + len(contents.notes) + len(contents.problems)
-        )
-    print(f"{len(folders)} cells, {checked} files checked: {_count(wrong)}")
-    return WRONG if wrong else 0
-
-
-def _count(wrong: int) -> str:
-    return "all is well" if not wrong else f"{wrong} problem{'s' if wrong > 1 else ''}"
-
-
-def _complain(lines: Sequence[str]) -> None:
-    for line in lines:
-        print(line, file=sys.stderr)
-
-
-_COMMANDS: dict[str, Callable[[Words], int]] = {
-    "": _list,
-    "show": _show,
-    "export": _export,
-    "compact": _compact,
-    "verify": _verify,
+SUBCOMMANDS = {
+    "show": Form("CELL", "configuration, runs, failures, a summary, files"),
+    "export": Form("[CELL ...] [--csv] [--to FILE]", "all rows as one CSV, numbers bit for bit"),
+    "compact": Form("[CELL ...]", "merge the small files of a cell into one of each kind"),
+    "verify": Form("[CELL ...]", "check every file against its hash, its cell and the others"),
 }
-SUBCOMMANDS = tuple(filter(None, _COMMANDS))
+
+
+def parser() -> CommandParser:
+    """Returns the parser of this command."""
+    forms = [f"  {name:9} {form.usage:32} {form.meaning}" for name, form in SUBCOMMANDS.items()]
+    command = CommandParser(
+        "results",
+        usage="mppi-belief results [show|export|compact|verify] [CELL ...] [results_dir=DIR] [OPTIONS]",
+        description="\n".join(
+            [
+                "Lists the cells of a results folder: trials by status, settings, files, size, age, commit.",
+                "With another word it does more:",
+                "",
+                *forms,
+                "",
+                "CELL is the beginning of a cell's id, or the path of its folder. Without CELL, all cells are meant;",
+                "export then leaves out those that are superseded. Compact may run beside a study that is running.",
+            ]
+        ),
+    )
+    command.add_argument("--csv", action="store_true", help="with export: the format, the only one")
+    command.add_argument(
+        "--to", action="append", default=[], metavar="FILE", help="with export: write into FILE"
+    )
+    return command
+
+
+def parse(args: Sequence[str]) -> ResultsRequest:
+    """Returns what the words of a `results` command ask for. Raises `ConfigError`."""
+    request = read_request(parser(), args)
+    subcommand = request.words[0] if request.words else None
+    if subcommand is not None and subcommand not in SUBCOMMANDS:
+        see = "mppi-belief results --help"
+        raise ConfigError(unknown_key(subcommand, [*SUBCOMMANDS], "command", see))
+    for option in ("csv", "to"):
+        if getattr(request.options, option) and subcommand != "export":
+            raise ConfigError(f"--{option} is an option of mppi-belief results export")
+    if len(request.options.to) > 1:
+        raise ConfigError("--to: one file at a time")
+    return request
+
+
+def main(args: Sequence[str]) -> int:
+    """Carry out `mppi-belief results ...`; returns the exit code."""
+    request = parse(args)
+    if request.options.help:
+        print(parser().format_help(), end="")
+        return exit_codes.DONE
+    from . import results_actions
+
+    if not request.words:
+        return results_actions.list_cells(request)
+    subcommand, *words = request.words
+    return results_actions.ACTIONS[subcommand](request._replace(words=words))
+
+
+def complete(before: Sequence[str], last: str) -> list[str]:
+    """Returns what the last word of a `results` command may become: a subcommand, then cells."""
+    try:
+        request = parse(before)
+    except ConfigError:
+        return []
+    names = matching_cells(request.root, last) if request.words else [*SUBCOMMANDS]
+    return [name for name in [*names, "results_dir="] if name.startswith(last)]

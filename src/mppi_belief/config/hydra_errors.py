@@ -1,94 +1,106 @@
-"""A person's mistake in one line: what Hydra and OmegaConf raise, said plainly."""
+"""Turns what Hydra, OmegaConf and the yaml parser raise into one line that names the key and what is allowed."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import fields
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
+import yaml
 from omegaconf import OmegaConf
 
 from ..errors import ConfigError, first_line, unknown_key
 from .settings import Settings
 
+TYPES = {"Float": "a number", "Integer": "a whole number", "Boolean": "true or false"}
+
 
 def one_line(error: BaseException, conf: Path) -> str:
-    """What is wrong, in one line; `conf` is the folder with the config groups."""
-    chain = list(_causes(error))
-    told = [str(cause) for cause in chain if isinstance(cause, ConfigError)]
-    if told:
-        return told[0]
-    if any(isinstance(cause, RecursionError) for cause in chain):
-        return "nested too deeply, or something that contains itself"
-    text = "\n".join(map(str, chain))  # the messages of all, outermost first
-    for pattern, say in _RULES:
-        found = re.search(pattern, text, re.DOTALL)
-        if found:
-            return say(found, conf)
+    """Returns what is wrong, in one line; `conf` is the folder with the config groups."""
+    causes = list(_causes(error))
+    for cause in causes:
+        if isinstance(cause, ConfigError):
+            return str(cause)
+        if isinstance(cause, RecursionError):
+            return "nested too deeply, or something that contains itself"
+        if isinstance(cause, UnicodeDecodeError):
+            return "a yaml file must be UTF-8 text"
+        if isinstance(cause, yaml.MarkedYAMLError):
+            return _yaml_line(cause)
+    text = "\n".join(map(str, causes))  # the messages of all, outermost first
+    for pattern, describe in _RULES:
+        match = re.search(pattern, text, re.DOTALL)
+        if match:
+            return describe(match, conf)
     return first_line(text) or type(error).__name__
 
 
 def _causes(error: BaseException | None) -> Iterator[BaseException]:
-    """An exception and what it comes from."""
+    """Yields an exception and those that it comes from."""
     while error is not None:
         yield error
         error = error.__cause__ or error.__context__
 
 
-def _unknown_key(found: re.Match[str], conf: Path) -> str:
-    key = found["key"].strip("'\"+~")
+def _yaml_line(error: yaml.MarkedYAMLError) -> str:
+    """Returns file, line and reason of a yaml error."""
+    mark = error.problem_mark
+    where = f"{mark.name}:{mark.line + 1}: " if mark else ""
+    return f"{where}{error.problem}"
+
+
+def _unknown_key(match: re.Match[str], conf: Path) -> str:
+    key = match["key"].strip("'\"+~")
     parent = key.rpartition(".")[0]
     known = _known_keys(parent, conf)
     if key in known:
-        return f"'{key}' is a key of another {parent.partition('.')[0]} than the one chosen; see mppi-belief run --cfg job"
+        group = parent.partition(".")[0]
+        return f"'{key}' is a key of another {group} than the one chosen; see mppi-belief run --cfg job"
     return unknown_key(key, known)
 
 
 def _known_keys(parent: str, conf: Path) -> list[str]:
-    """Keys and groups of the top level, or what the files under `conf` have below `parent`."""
+    """Returns keys and groups of the top level, or the keys below `parent` in any file under `conf`."""
     if not parent:
         groups = [entry.name for entry in conf.iterdir() if entry.is_dir()]
         return [*(setting.name for setting in fields(Settings)), *groups]
     keys: set[str] = set()
     for path in conf.rglob("*.yaml"):
         node: Any = OmegaConf.to_container(OmegaConf.load(path), resolve=False)
-        package = path.parent.name
-        if parent.split(".")[0] == package and not (isinstance(node, dict) and package in node):
-            node = {package: node}  # a file of its group's package, not of the global one
+        if isinstance(node, dict) and parent.split(".")[0] not in node:
+            for group in reversed(path.parent.relative_to(conf).parts):
+                node = {group: node}  # the keys of this file are those of its group
         for part in parent.split("."):
             node = node.get(part) if isinstance(node, dict) else None
-        keys |= {f"{parent}.{key}" for key in node} if isinstance(node, dict) else set()
+        if isinstance(node, dict):
+            keys |= {f"{parent}.{key}" for key in node}
     return sorted(keys)
 
 
-def _ambiguous(found: re.Match[str], conf: Path) -> str:
-    return f"{found['override']}: several values; add -m to sweep over them"
-
-
-def _unknown_option(found: re.Match[str], conf: Path) -> str:
-    group, _, option = found["choice"].rpartition("/")
-    options = [line.strip() for line in found["options"].splitlines() if line.strip()]
+def _unknown_option(match: re.Match[str], conf: Path) -> str:
+    group, _, option = match["choice"].rpartition("/")
+    options = [line.strip() for line in match["options"].splitlines() if line.strip()]
     near = get_close_matches(option, options, n=1)
     guess = f"; did you mean '{near[0]}'?" if near else ""
     return f"{group}={option}: no such option, choose from {', '.join(options)}{guess}"
 
 
-def _bad_value(found: re.Match[str], conf: Path) -> str:
-    wanted = {"Float": "a number", "Integer": "a whole number", "Boolean": "true or false"}
-    return f"{found['key']}={found['value']}: must be {wanted.get(found['type'], found['type'])}"
+def _wrong_type(match: re.Match[str], conf: Path) -> str:
+    wanted = TYPES.get(match["type"], match["type"])
+    return f"{match['key']} must be {wanted}, got {match['value']}"
 
 
-def _inside(found: re.Match[str], conf: Path) -> str:
-    return f"{found['file']}.yaml: {found['why'].strip()}"
+def _error_in_file(match: re.Match[str], conf: Path) -> str:
+    return f"{match['file']}.yaml: {match['why'].strip()}"
 
 
-_RULES = [
+_RULES: list[tuple[str, Callable[[re.Match[str], Path], str]]] = [
     (
-        r"Could not find '(?P<choice>[^']+)'\s+Available options in '[^']+':\s+(?P<options>[^\n]+(?:\n\t[^\n]+)*)",
+        r"Could not find '(?P<choice>[^']+)'\s+Available options in '[^']+':"
+        r"\s+(?P<options>[^\n]+(?:\n\t[^\n]+)*)",
         _unknown_option,
     ),
-    (r"Ambiguous value for argument '(?P<override>[^']+)'", _ambiguous),
     (r"Could not override '(?P<key>[^']+)'.*is not in struct", _unknown_key),
     (r"Key '[^']+' (?:is not in struct|not in '[^']+')\s+full_key: (?P<key>\S+)", _unknown_key),
     (
@@ -96,8 +108,12 @@ _RULES = [
         _unknown_key,
     ),
     (
-        r"Value '(?P<value>[^']*)'.*?could not be converted to (?P<type>\w+)\s+full_key: (?P<key>\S+)",
-        _bad_value,
+        r"Value '(?P<value>[^']*)'.*?could not be converted to (?P<type>\w+)"
+        r"\s+full_key: (?P<key>\S+)",
+        _wrong_type,
     ),
-    (r"In '(?P<file>[^']+)': \w+ raised while composing config:\s+(?P<why>[^\n]+)", _inside),
+    (
+        r"In '(?P<file>[^']+)': \w+ raised while composing config:\s+(?P<why>[^\n]+)",
+        _error_in_file,
+    ),
 ]

@@ -55,8 +55,10 @@ def _content(group: str, option: str) -> dict[str, Any]:
     for entry in own.get("defaults", []):
         if isinstance(entry, str) and entry != "_self_":
             content.merge_with(_content(group, entry))
+    for name, part in _parts_in(own).items():
+        content.merge_with(_content(f"{group}/{name}", part))
     settings = _settings_in(own)
-    content.merge_with(settings if _is_global(group, option) else {group: settings})
+    content.merge_with(settings if _is_global(group, option) else _nested(group, settings))
     return _unresolved(content)
 
 
@@ -67,6 +69,23 @@ def _options_in(content: dict[str, Any]) -> dict[str, str]:
         if isinstance(entry, dict):
             options |= {name.strip("/"): option for name, option in entry.items()}
     return {group: option for group, option in options.items() if (conf_dir() / group).is_dir()}
+
+
+def _parts_in(content: dict[str, Any]) -> dict[str, str]:
+    """Returns the options of nested groups that a defaults list chooses: `- sampler: nominal`."""
+    parts: dict[str, str] = {}
+    for entry in content.get("defaults", []):
+        if isinstance(entry, dict):
+            parts |= {name.partition("@")[0]: option for name, option in entry.items()}
+    return {name: option for name, option in parts.items() if name.isidentifier()}
+
+
+def _nested(group: str, settings: dict[str, Any]) -> dict[str, Any]:
+    """Returns settings below the keys of their group: those of `controller/sampler` below both."""
+    node = settings
+    for name in reversed(group.split("/")):
+        node = {name: node}
+    return node
 
 
 def _settings_in(content: dict[str, Any]) -> dict[str, Any]:

@@ -1,6 +1,7 @@
-"""The types and ranges of a configuration, and the checks that YAML alone cannot make.
+"""The settings of a command: types and ranges of the top level of a configuration.
 
-Uses OmegaConf's structured configs but no JAX, so that a wrong key is told before anything is loaded.
+OmegaConf checks the types while it composes, `check` the ranges afterwards. Groups (system, cost, ...) are checked where
+their objects are built. Imports no JAX, so that a wrong setting is reported before anything slow is loaded.
 """
 
 import math
@@ -10,20 +11,27 @@ from typing import Any
 from omegaconf import MISSING
 
 from ..errors import ConfigError, unknown_key
+from ..fields import Choice, Number, WholeNumber, checked, ruled, rules
 
-DEFAULT_BATCH = {"cpu": 1, "gpu": 200}  # a GPU takes the 200 trials of Sec. VII at once
+DEFAULT_BATCH = {"cpu": 1, "gpu": 200}  # trials; a GPU advances the 200 trials of Sec. VII together
+MOST_TRIALS = 10**7
+LARGEST = 10**300  # of a whole number; larger ones are no float
 
 
-MOST = 10**300  # of a whole number; more is no float
+@dataclass(frozen=True)
+class FolderName:
+    """Accepts the name of a folder, which need not exist."""
 
-
-def _ranged(low: float, high: float = math.inf) -> Any:
-    return field(default=MISSING, metadata={"range": (low, high)})
+    def check(self, value: Any) -> str:
+        """Return the name as it is."""
+        if not isinstance(value, str) or not value.strip() or "\0" in value:
+            raise ValueError(f"must name a folder, got {value!r}")
+        return value
 
 
 @dataclass
 class Planner:
-    """What all sampling planners share."""
+    """What all sampling planners share; the ranges are those of the planners' own fields."""
 
     n_samples: int = MISSING
     horizon: int = MISSING
@@ -33,65 +41,61 @@ class Planner:
 
 @dataclass
 class Settings:
-    """The top level of conf/config.yaml; groups are checked where they are built."""
+    """The top level of conf/config.yaml, which says what each setting means and its default."""
 
-    theta: float = _ranged(0)
-    w_obs: float = _ranged(0)
-    seed: int = _ranged(0, 2**31 - 1)
-    n_trials: int = _ranged(1, 10**7)
-    workers: int = _ranged(1, 1024)
-    platform: str = field(default=MISSING, metadata={"options": tuple(DEFAULT_BATCH)})
-    batch: int | None = field(default=None, metadata={"range": (1, 10**5)})
-    trial_timeout: float | None = field(default=None, metadata={"range": (1e-3, 1e9)})
+    theta: float = ruled(Number(ge=0), MISSING)
+    w_obs: float = ruled(Number(ge=0), MISSING)
+    seed: int = ruled(WholeNumber(ge=0, le=2**31 - 1), MISSING)
+    n_trials: int = ruled(WholeNumber(ge=1, le=MOST_TRIALS), MISSING)
+    workers: int = ruled(WholeNumber(ge=1, le=1024), MISSING)
+    platform: str = ruled(Choice(tuple(DEFAULT_BATCH)), MISSING)
+    batch: int | None = ruled(WholeNumber(ge=1, le=10**5, optional=True), None)
+    trial_timeout: float | None = ruled(Number(ge=1e-3, le=1e9, optional=True), None)  # s
     shard: str | None = None
-    precision: str = field(default=MISSING, metadata={"options": ("float32", "float64")})
-    results_dir: str = MISSING
-    report_dir: str = MISSING
-    verify_dir: str = MISSING
-    record: int | None = field(default=None, metadata={"range": (0, 10**7)})
-    planner: Planner = MISSING
-    problem: dict[str, Any] = MISSING
-    system: dict[str, Any] = MISSING
-    cost: dict[str, Any] = MISSING
-    filter: dict[str, Any] = MISSING
-    controller: dict[str, Any] = MISSING
-    executor: dict[str, Any] = MISSING
+    precision: str = ruled(Choice(("float32", "float64")), MISSING)
+    results_dir: str = ruled(FolderName(), MISSING)
+    report_dir: str = ruled(FolderName(), MISSING)
+    verify_dir: str = ruled(FolderName(), MISSING)
+    record: int | None = ruled(WholeNumber(ge=0, le=MOST_TRIALS, optional=True), None)
+    planner: Planner = field(default=MISSING)
+    problem: dict[str, Any] = field(default=MISSING)
+    system: dict[str, Any] = field(default=MISSING)
+    cost: dict[str, Any] = field(default=MISSING)
+    filter: dict[str, Any] = field(default=MISSING)
+    controller: dict[str, Any] = field(default=MISSING)
+    executor: dict[str, Any] = field(default=MISSING)
 
 
 def batch_size(config: dict[str, Any]) -> int | None:
-    """How many trials advance together: `batch`, or what its platform takes by itself."""
+    """Returns how many trials advance together: `batch`, or the default of the platform."""
     return config["batch"] if config["batch"] is not None else DEFAULT_BATCH.get(config["platform"])
 
 
 def check(config: dict[str, Any]) -> None:
-    """Raise `ConfigError` for an unknown key, a number out of range, and any number anywhere that is not finite."""
-    known = [setting.name for setting in fields(Settings)]
-    for key in config:
-        if key not in known:
-            raise ConfigError(unknown_key(key, known))
-    shared = [f"planner.{setting.name}" for setting in fields(Planner)]
-    for key in config["planner"]:
-        if f"planner.{key}" not in shared:
-            raise ConfigError(unknown_key(f"planner.{key}", shared))
-    for setting in fields(Settings):
-        value = config[setting.name]
-        options = setting.metadata.get("options", (value,))
-        if value not in options:
-            raise ConfigError(f"{setting.name}={value}: must be one of {', '.join(options)}")
-        low, high = setting.metadata.get("range", (-math.inf, math.inf))
-        if isinstance(value, float) and not math.isfinite(value):
-            raise ConfigError(f"{setting.name}={value}: must be finite")
-        if isinstance(value, int | float) and not low <= value <= high:
-            bound = f"at least {low}" if value < low else f"at most {high}"
-            raise ConfigError(f"{setting.name}={value:g}: must be {bound}")
-    for name in ("results_dir", "report_dir", "verify_dir"):
-        if not config[name].strip() or "\0" in config[name]:
-            raise ConfigError(f"{name}: must name a folder")
+    """Raises `ConfigError` for an unknown key, a setting out of range, or a value that no setting can have."""
+    _check_keys(config, [setting.name for setting in fields(Settings)])
+    _check_keys(config["planner"], [setting.name for setting in fields(Planner)], "planner.")
+    for name, rule in rules(Settings).items():
+        try:
+            checked(name, config[name], rule)
+        except ValueError as error:
+            raise ConfigError(str(error)) from None
     _check_values(config, "")
 
 
+def _check_keys(node: Any, known: list[str], prefix: str = "") -> None:
+    """Raises `ConfigError` for a key that is not among the known ones."""
+    names = [f"{prefix}{name}" for name in known]
+    for key in node:
+        if f"{prefix}{key}" not in names:
+            raise ConfigError(unknown_key(f"{prefix}{key}", names))
+
+
 def _check_values(node: Any, path: str) -> None:
-    """Everything is a word, true or false, null, or a finite number; a yaml can also have bytes, dates and paths."""
+    """Raises `ConfigError` for a value that is no text, true or false, null or finite number.
+
+    A yaml file can also hold bytes, dates and paths.
+    """
     if isinstance(node, dict):
         for key, value in node.items():
             if not isinstance(key, str):
@@ -100,9 +104,9 @@ def _check_values(node: Any, path: str) -> None:
     elif isinstance(node, list):
         for value in node:
             _check_values(value, path)
-    elif isinstance(node, int) and abs(node) > MOST:
-        raise ConfigError(f"{path}: must be at most {MOST:g}")
+    elif isinstance(node, int) and abs(node) > LARGEST:
+        raise ConfigError(f"{path} must be at most {LARGEST:g}")
     elif isinstance(node, float) and not math.isfinite(node):
-        raise ConfigError(f"{path}={node}: must be finite")
+        raise ConfigError(f"{path} must be finite, got {node}")
     elif not isinstance(node, bool | int | float | str | None):
-        raise ConfigError(f"{path}={node!r}: must be a number, a word, a list or a mapping")
+        raise ConfigError(f"{path} must be a number, a word, a list or a mapping, got {node!r}")

@@ -16,14 +16,14 @@ from ..errors import ConfigError
 
 PACKAGE = __name__.partition(".")[0]
 RULE = f"must name a class of {PACKAGE} or of a module in a --config-dir folder"
-_FOLDERS: list[str] = []
+ALLOWED_FOLDERS: list[str] = []
 
 
 def allow(folders: Sequence[str | Path]) -> None:
     """From now on a `_target_` may name what lies in these folders; they go to the front of the module search path."""
     places = [str(Path(folder).resolve()) for folder in folders]
     sys.path[:] = [*places, *(place for place in sys.path if place not in places)]
-    _FOLDERS.extend(place for place in places if place not in _FOLDERS)
+    ALLOWED_FOLDERS.extend(place for place in places if place not in ALLOWED_FOLDERS)
 
 
 def locate(name: Any, path: str) -> Any:
@@ -31,7 +31,7 @@ def locate(name: Any, path: str) -> Any:
     module, attribute = _parts(name, path)
     top = module.partition(".")[0]
     if top != PACKAGE:
-        _find(top, _FOLDERS, f"{path}._target_={name}")
+        _find(top, ALLOWED_FOLDERS, f"{path}._target_={name}")
     try:
         return getattr(import_module(module), attribute)
     except (Exception, SystemExit) as error:  # a module may do anything while it is imported

@@ -1,18 +1,30 @@
-"""Stops a study on signals: the first SIGINT or SIGTERM finishes what runs, the second ends it at
-once.
+"""What SIGINT (Ctrl-C) and SIGTERM do, from the first import of a command to its last line.
+
+1. `__main__` blocks both before it imports anything else (`block`): a signal during an import would end it with a
+   traceback. Blocked signals wait.
+2. `run` keeps them blocked (`held`) until it can stop politely (`polite_stop`): the first signal finishes the trials
+   that run and writes them, the second ends the run at once.
+3. `report`, `verify`, `results` and `replay` leave nothing half done, so they end at the first signal
+   (`ended_by_signals`).
+4. Workers ignore both (`ignore`), since a terminal sends Ctrl-C to the whole process group: the parent decides. Threads
+   and processes that must never see a signal are started while both are blocked (`masked`).
+5. When all is done, `__main__` ignores them (`ignore`): the command ends anyway.
+
+A command that a signal stops has the exit code 128 + number of the signal.
 """
 
+import os
 import signal
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from multiprocessing import resource_tracker
 from types import FrameType
 
 STOPPING = {signal.SIGINT, signal.SIGTERM}
+GRACE = 10.0  # s that a command has to end after a signal
 
 
 class StoppedAtOnce(Exception):
-    """Says that a second signal came."""
+    """A second signal came."""
 
 
 class StopRequest:
@@ -23,11 +35,22 @@ class StopRequest:
     accepts_second: bool = False  # whether a second signal may raise
 
 
+def block() -> None:
+    """Blocks both signals; those that come are answered when they are let in."""
+    signal.pthread_sigmask(signal.SIG_BLOCK, STOPPING)
+    for number in STOPPING:  # threads that start while signals are let in may get them later
+        signal.signal(number, _do_nothing)
+
+
+def ignore() -> None:
+    """Ignores both signals from now on."""
+    for number in STOPPING:
+        signal.signal(number, signal.SIG_IGN)
+
+
 @contextmanager
 def held() -> Iterator[None]:
-    """Keeps signals waiting, since a half-done import answers them with a traceback; `polite_stop`
-    lets them in.
-    """
+    """Keeps signals waiting, since a half-done import answers them with a traceback; `polite_stop` lets them in."""
     mask_before = signal.pthread_sigmask(signal.SIG_BLOCK, STOPPING)
     try:
         yield
@@ -39,9 +62,9 @@ def held() -> Iterator[None]:
 
 @contextmanager
 def masked() -> Iterator[None]:
-    """Keeps signals waiting; threads and processes that are started meanwhile never get them from a
-    terminal.
-    """
+    """Keeps signals waiting; threads and processes that are started meanwhile never get them from a terminal."""
+    from multiprocessing import resource_tracker  # 40 ms that --help need not wait for
+
     # The first process to start would start the tracker, and that lets signals in again.
     resource_tracker.ensure_running()
     mask_before = signal.pthread_sigmask(signal.SIG_BLOCK, STOPPING)
@@ -80,3 +103,45 @@ def polite_stop(on_first: Callable[[], None]) -> Iterator[StopRequest]:
         signal.pthread_sigmask(signal.SIG_SETMASK, mask_before)
         for number, handler in handlers_before.items():
             signal.signal(number, handler)
+
+
+def ended_by_signals(
+    command: Callable[[], int], on_stop: Callable[[], None], grace: float = GRACE
+) -> int:
+    """Runs a command that the first signal ends.
+
+    Returns its exit code, or after `on_stop` 128 + number of the signal.
+
+    The signal raises KeyboardInterrupt in the command. Imports and callbacks may swallow that exception, so the process
+    ends after `grace` seconds in any case.
+    """
+
+    def stop(number: int, frame: FrameType | None) -> None:
+        signal.pthread_sigmask(signal.SIG_BLOCK, STOPPING)  # a second signal changes nothing
+
+        def end(*_: object) -> None:
+            on_stop()
+            os._exit(128 + number)
+
+        signal.signal(signal.SIGALRM, end)
+        signal.setitimer(signal.ITIMER_REAL, grace)
+        raise KeyboardInterrupt(number)
+
+    handlers = {number: signal.signal(number, stop) for number in STOPPING}
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, ())
+    try:
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, STOPPING)
+        return command()
+    except KeyboardInterrupt as interrupt:
+        on_stop()
+        return 128 + (interrupt.args[0] if interrupt.args else signal.SIGINT)
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.pthread_sigmask(signal.SIG_BLOCK, STOPPING)
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+
+
+def _do_nothing(number: int, frame: FrameType | None) -> None:
+    """Answers a signal for which no other handler was set."""

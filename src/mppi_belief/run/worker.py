@@ -7,7 +7,6 @@ death of the worker.
 
 import multiprocessing
 import os
-import signal
 import threading
 import time
 from collections.abc import Callable, Sequence
@@ -16,7 +15,7 @@ from typing import Any, NamedTuple
 from ..config.targets import allow
 from ..errors import ConfigError
 from ..results.provenance import machine
-from .signals import STOPPING
+from . import signals
 
 
 class WorkerSetup(NamedTuple):
@@ -59,8 +58,7 @@ def apply_setup(setup: WorkerSetup) -> None:
 
 def start_worker(setup: WorkerSetup) -> None:
     """Begins a worker on this machine: it leaves signals to its parent, and dies with it."""
-    for number in STOPPING:
-        signal.signal(number, signal.SIG_IGN)
+    signals.ignore()
     apply_setup(setup)
     parent = multiprocessing.parent_process()
     if parent is None:

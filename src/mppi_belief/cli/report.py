@@ -1,0 +1,78 @@
+"""`mppi-belief report`: shows what the results of studies say, as tables, figures and a page; runs nothing."""
+
+import dataclasses
+from collections.abc import Sequence
+from pathlib import Path
+
+from ..config.request import Request
+from . import exit_codes
+from .parser import CommandParser, configuration_parser, request_before, request_of
+
+SUMMARY = "tables, figures and a page from results"
+STUDY = "experiment="
+
+
+def parser(studies: Sequence[str] = ()) -> CommandParser:
+    """Returns the parser of this command; its help lists the studies that a report has by default."""
+    return configuration_parser(
+        "report",
+        usage="mppi-belief report [experiment=NAME[,NAME...]] [KEY=VALUE ...] [OPTIONS]",
+        description=(
+            "Reads what `mppi-belief run experiment=NAME` has left in results_dir, runs nothing, and writes\n"
+            "tables (LaTeX, Markdown, CSV), figures (PNG, PDF) and a page (index.html) into report_dir.\n"
+            "Settings KEY=VALUE are those of `run`: give the same ones."
+        ),
+        epilog=(
+            f"Without a name, a report has all of: {' '.join(studies)},\n"
+            "and the certificates that `mppi-belief verify` has left in verify_dir.\n"
+            "Where results are missing, the report has those that are there and says how to run the rest."
+        ),
+    )
+
+
+def parse(args: Sequence[str]) -> tuple[list[str], Request]:
+    """Returns the studies that are named, and what else the words of a `report` command ask for."""
+    request = request_of(parser().read(args), args, "report")
+    names: list[str] = []
+    overrides = []
+    for word in request.overrides:
+        if word.startswith(STUDY):
+            names += word.removeprefix(STUDY).split(",")
+        else:
+            overrides.append(word)
+    return names, dataclasses.replace(request, overrides=tuple(overrides))
+
+
+def main(args: Sequence[str]) -> int:
+    """Write the report that a command line asks for; returns the exit code."""
+    from ..config.cell import Cell
+    from ..config.compose import collect
+    from ..report import build
+    from .show_configuration import show, wants_printing
+
+    chosen, request = parse(args)
+    if request.print_help:
+        print(parser(build.STUDIES).format_help(), end="")
+        return exit_codes.DONE
+    requests = {
+        name: dataclasses.replace(request, overrides=(f"{STUDY}{name}", *request.overrides))
+        for name in chosen or build.STUDIES
+    }
+    first_request = next(iter(requests.values()))
+    if wants_printing(request):
+        return show(first_request)
+    configs = {name: collect(study) for name, study in requests.items()}
+    studies = {name: [Cell(config) for config in configs[name]] for name in configs}
+    settings = next(iter(configs.values()))[0]
+    verify_dir = None if chosen else Path(settings["verify_dir"])  # chosen studies stand alone
+    complete = build.report_studies(
+        studies, verify_dir, Path(settings["report_dir"]), request.words
+    )
+    return exit_codes.DONE if complete else exit_codes.INCOMPLETE
+
+
+def complete(before: Sequence[str], last: str) -> list[str]:
+    """Returns what the last word of a `report` command may become."""
+    from .completion import complete_setting
+
+    return complete_setting(request_before(parser(), before), last)
