@@ -5,26 +5,37 @@ from __future__ import annotations
 import hashlib
 import itertools
 import json
+import math
 from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 ALGORITHM_VERSION = 3  # raise when the same configuration would give other numbers
 
 
+# The keys of a configuration that make a cell's numbers: what it is built from, and how it is computed.
 IDENTITY = (
-    *("system", "cost", "problem", "filter", "controller", "code"),  # what it is built from
-    *("names", "seed", "precision", "platform", "batch"),
+    "system",
+    "cost",
+    "problem",
+    "filter",
+    "controller",
+    "code",
+    "names",
+    "seed",
+    "precision",
+    "platform",
+    "batch",
 )
 
 
 class Cell(NamedTuple):
-    """One setting of everything, to be run for many trials; see `mppi_belief.trial` for the config."""
+    """Represents one setting of everything, of which many trials are run."""
 
-    config: dict[str, Any]
+    config: dict[str, Any]  # as `config.compose.collect` returns it
 
     @property
     def id(self) -> str:
-        """Controller and hash: what makes two cells the same, whoever runs them, with how many trials or workers."""
+        """The controller and a hash of all that makes the numbers of a trial; the same whoever runs it."""
         identity = canonical(
             {key: self.config[key] for key in IDENTITY} | {"algorithm": ALGORITHM_VERSION}
         )
@@ -35,28 +46,37 @@ class Cell(NamedTuple):
 
 
 def batches(trials: Sequence[int], size: int) -> Iterator[tuple[int, ...]]:
-    """Trials in ascending order as batches: those of one have the same trial // size, so that each trial has its
-    batch and its place in it whichever others are missing."""
-    for _, together in itertools.groupby(trials, lambda trial: trial // size):
-        yield tuple(together)
+    """Yields trials, which are in ascending order, as batches.
+
+    The trials of a batch have the same trial // size, so each trial has the same batch and the same place in it
+    whichever others are missing.
+    """
+    for _, batch in itertools.groupby(trials, lambda trial: trial // size):
+        yield tuple(batch)
 
 
 def labels(config: dict[str, Any]) -> dict[str, Any]:
-    """What tells a cell from others, for rows, tables and titles: method, theta, w_obs, seed, all that was swept."""
-    nothing = float("nan")
+    """Returns what distinguishes a cell in rows, tables and titles: controller, theta, w_obs, seed, all that was set.
+
+    A number that the cell does not have is NaN.
+    """
     controller = config["controller"]
     path_cost = controller.get("path_cost")
-    found = {
+    theta_owner = path_cost if isinstance(path_cost, dict) else controller
+    always = {
         "controller": config["names"]["controller"],
-        "theta": (path_cost if isinstance(path_cost, dict) else controller).get("theta", nothing),
-        "w_obs": config["cost"].get("w_obs", nothing),
+        "theta": theta_owner.get("theta", math.nan),
+        "w_obs": config["cost"].get("w_obs", math.nan),
         "seed": config["seed"],
     }
-    return found | {name: value for name, value in config["swept"].items() if name not in found}
+    return always | {name: value for name, value in config["swept"].items() if name not in always}
 
 
 def canonical(node: Any) -> Any:
-    """A configuration as it is compared: a float that is a whole number is that number, so that 0.0 is 0."""
+    """Returns a configuration in the form that is compared: a float that is a whole number becomes an int.
+
+    So 0.0 and 0 make the same cell.
+    """
     if isinstance(node, dict):
         return {key: canonical(value) for key, value in node.items()}
     if isinstance(node, list):

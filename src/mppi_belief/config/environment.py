@@ -1,7 +1,7 @@
-"""The environment of computing processes: one thread each, and a compilation cache that lasts.
+"""The environment variables of processes that compute: one thread each, and a compilation cache on the disk.
 
-To be set before JAX, NumPy or a worker process starts; two workers with two XLA or BLAS threads each
-are many times slower than with one.
+They must be set before JAX or NumPy is imported and before a worker process starts. Two workers with two XLA or BLAS
+threads each are many times slower than two with one thread.
 """
 
 import os
@@ -18,27 +18,26 @@ _ONE_THREAD = {
 
 _XLA = (
     "--xla_cpu_multi_thread_eigen=false",
-    # loops of less data than this many bytes become one kernel: a scan over a horizon otherwise spends most of its time
-    # between the kernels of its steps
+    # A loop over less data than this many bytes becomes one kernel. Otherwise a scan over a horizon spends most of its
+    # time between the kernels of its steps.
     "--xla_backend_extra_options=xla_cpu_small_while_loop_byte_threshold=1000000",
-    "--xla_cpu_prefer_vector_width=512",  # a third off the cost of exponentials where the CPU has AVX-512
+    "--xla_cpu_prefer_vector_width=512",  # exponentials take a third less time on AVX-512
 )
-_XLA_GPU = (
-    "--xla_gpu_deterministic_ops=true",
-)  # else the fastest of several algorithms, as timed in that very run
+# Without this flag XLA takes the fastest of several algorithms, as timed in each run.
+_XLA_GPU = ("--xla_gpu_deterministic_ops=true",)
 
 
 def cache_dir() -> Path:
-    """Where compiled programs are kept: mppi-belief/xla in the user's cache directory."""
+    """Returns the folder of compiled programs: mppi-belief/xla in the user's cache directory."""
     base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
     return Path(base) / "mppi-belief" / "xla"
 
 
 def prepare(platform: str = "cpu") -> dict[str, str]:
-    """Set the environment of this process and of those it will start; what the user has set stays.
+    """Sets the environment of this process and of those that it starts; what the user has set stays.
 
-    Returns the variables that the workers of a platform need besides. Only they compute on a GPU, and of its
-    memory they take what they use.
+    Returns the variables that the workers of a platform need besides. Only workers compute on a GPU; they allocate its
+    memory as they need it.
     """
     for name, value in _ONE_THREAD.items():
         os.environ.setdefault(name, value)
@@ -59,19 +58,25 @@ def prepare(platform: str = "cpu") -> dict[str, str]:
 
 
 def _with_flags(flags: Sequence[str]) -> str:
-    """XLA_FLAGS with these added, but for those that are there already."""
+    """Returns XLA_FLAGS with these flags added, except those that are set already."""
     given = os.environ.get("XLA_FLAGS", "").split()
     names = {flag.partition("=")[0] for flag in given}
     return " ".join([*given, *(flag for flag in flags if flag.partition("=")[0] not in names)])
 
 
 def in_force() -> dict[str, str]:
-    """All that `prepare` has set here, for workers that do not inherit it."""
-    names = (*_ONE_THREAD, "XLA_FLAGS", "JAX_PLATFORMS", "JAX_COMPILATION_CACHE_DIR")
-    names += ("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "TF_CPP_MIN_LOG_LEVEL")
+    """Returns all that `prepare` has set, for workers that do not inherit it."""
+    names = (
+        *_ONE_THREAD,
+        "XLA_FLAGS",
+        "JAX_PLATFORMS",
+        "JAX_COMPILATION_CACHE_DIR",
+        "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS",
+        "TF_CPP_MIN_LOG_LEVEL",
+    )
     return {name: os.environ[name] for name in names}
 
 
 def threads() -> dict[str, str]:
-    """The thread settings in force, for provenance."""
+    """Returns the thread settings in force, for provenance."""
     return {name: os.environ.get(name, "") for name in (*_ONE_THREAD, "XLA_FLAGS")}
