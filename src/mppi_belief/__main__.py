@@ -1,4 +1,6 @@
-"""Where the command `mppi-belief` begins: it blocks signals, then imports the rest; see `run/signals.py`."""
+"""Where the command `mppi-belief` begins: it blocks signals, then imports the rest; see
+`run/signals.py`.
+"""
 
 import sys
 

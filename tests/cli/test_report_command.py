@@ -39,7 +39,9 @@ def composed(request: Request) -> list[dict[str, Any]]:
 
 @pytest.fixture(autouse=True)
 def composed_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Hydra takes a second for the cells of a study; what it makes of the same arguments is the same."""
+    """Hydra takes a second for the cells of a study; what it makes of the same arguments is the
+    same.
+    """
 
     def collect(request: Request) -> list[dict[str, Any]]:
         return copy.deepcopy(composed(replace(request, command=())))

@@ -1,4 +1,6 @@
-"""`mppi-belief results`: what is there is told, exported, checked and merged, and nothing of it is lost."""
+"""`mppi-belief results`: what is there is told, exported, checked and merged, and nothing of it is
+lost.
+"""
 
 import csv
 import io
@@ -368,7 +370,9 @@ def test_what_cannot_be_read_or_contradicts_itself_is_left_as_it_is(command, cel
 
 
 def rewritten(path: Path, change: Callable[[pa.Table], pa.Table]) -> None:
-    """Write another table in the place of one, with a hash that fits: as somebody who knows the format would."""
+    """Write another table in the place of one, with a hash that fits: as somebody who knows the
+    format would.
+    """
     about, table = results.read_table(path)
     results.write_table(path.parent, path.name.partition("-")[0], change(table), about["sources"])
     path.unlink()

@@ -38,7 +38,9 @@ def made(name: str, value: float = 0.0) -> Certificate:
 
 @pytest.fixture
 def instant(monkeypatch) -> list[tuple]:
-    """Certificates that cost nothing, the last of which fails for seed 13; the calls that were made."""
+    """Certificates that cost nothing, the last of which fails for seed 13; the calls that were
+    made.
+    """
     calls = []
 
     def certify_all(names, seed, workers) -> Iterator[compute.CertificateOutcome]:

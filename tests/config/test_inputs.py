@@ -1,4 +1,6 @@
-"""Whatever is typed or written into a yaml: one line and exit code 2, or a configuration that can be run."""
+"""Whatever is typed or written into a yaml: one line and exit code 2, or a configuration that can
+be run.
+"""
 
 import re
 import sys
@@ -27,7 +29,9 @@ def quick() -> Iterator[None]:
 
 @pytest.fixture
 def ask(tmp_path, capsys, monkeypatch) -> Callable[..., Said]:
-    """The command in a folder of its own, all of it but the trials, the certificates and the report."""
+    """The command in a folder of its own, all of it but the trials, the certificates and the
+    report.
+    """
     return asking(tmp_path, capsys, monkeypatch)
 
 

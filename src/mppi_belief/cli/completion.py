@@ -1,7 +1,7 @@
 """Tab completion in bash: the script that is evaluated, and the words that it asks for.
 
-The commands come from `main.COMMANDS`, their options from their parsers, keys and options of groups from the
-configuration that the words before the cursor compose.
+The commands come from `main.COMMANDS`, their options from their parsers, keys and options of groups
+from the configuration that the words before the cursor compose.
 """
 
 import os
@@ -77,7 +77,9 @@ def complete_setting(request: Request, last: str) -> list[str]:
 
 
 def _names(request: Request, group_names: Sequence[str], begun: str) -> list[str]:
-    """Returns the keys and groups that begin so: `theta=`, `planner.`, `controller.` and `controller=`."""
+    """Returns the keys and groups that begin so: `theta=`, `planner.`, `controller.` and
+    `controller=`.
+    """
     parent = begun.rpartition(".")[0]
     config = _composed(request)
     node: Any = config

@@ -1,4 +1,5 @@
-"""The command `mppi-belief`: dispatches to the module of each command, and reports errors in one line.
+"""The command `mppi-belief`: dispatches to the module of each command, and reports errors in one
+line.
 
 Each command is a module of this room with
 
@@ -8,8 +9,9 @@ Each command is a module of this room with
     main(args)               does what the words ask for and returns the exit code
     complete(before, last)   what the last word of a line may become
 
-Imports in the bodies of functions have one of two reasons. Help, completion and complaints must not wait for what is slow
-to load. And what imports JAX is imported only after `environment.prepare` has set the variables that JAX reads on import.
+Imports in the bodies of functions have one of two reasons. Help, completion and complaints must not
+wait for what is slow to load. And what imports JAX is imported only after `environment.prepare` has
+set the variables that JAX reads on import.
 """
 
 import io

@@ -1,4 +1,6 @@
-"""The parser of a command: options are declared once; messages, help and tab completion derive from them."""
+"""The parser of a command: options are declared once; messages, help and tab completion derive from
+them.
+"""
 
 import argparse
 import shutil
@@ -67,7 +69,9 @@ class CommandParser(argparse.ArgumentParser):
 def configuration_parser(
     name: str, usage: str, description: str, epilog: str = ""
 ) -> CommandParser:
-    """Returns the parser of a command that composes configurations, with the options that all of those have."""
+    """Returns the parser of a command that composes configurations, with the options that all of
+    those have.
+    """
     parser = CommandParser(name, usage, description, epilog)
     add = parser.add_argument
     add(
@@ -113,7 +117,9 @@ def request_of(namespace: argparse.Namespace, args: Sequence[str], command: str)
 
 
 def request_before(parser: CommandParser, before: Sequence[str]) -> Request:
-    """Returns the request of the words before the one that is completed; an empty one where they cannot be parsed."""
+    """Returns the request of the words before the one that is completed; an empty one where they
+    cannot be parsed.
+    """
     try:
         namespace = parser.read(before)
     except ConfigError:

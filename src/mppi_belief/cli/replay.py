@@ -1,4 +1,6 @@
-"""`mppi-belief replay CELL TRIAL`: runs a trial again and compares it bit for bit with what was kept of it."""
+"""`mppi-belief replay CELL TRIAL`: runs a trial again and compares it bit for bit with what was
+kept of it.
+"""
 
 from collections.abc import Sequence
 

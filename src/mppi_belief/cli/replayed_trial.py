@@ -1,6 +1,7 @@
 """Runs one trial of a cell again, compares it bit for bit with what was kept of it, and draws it.
 
-Nothing that a results folder names is looked for on the disk: a user's own code comes from --config-dir alone.
+Nothing that a results folder names is looked for on the disk: a user's own code comes from
+--config-dir alone.
 """
 
 import os
@@ -78,7 +79,9 @@ def changes_since(then: dict[str, Any], now: dict[str, Any]) -> list[str]:
 
 
 def _stored_trial(contents: CellContents, word: str) -> StoredTrial:
-    """Returns a trial of a cell. Raises `ConfigError` if there is none, or no configuration to run it with."""
+    """Returns a trial of a cell. Raises `ConfigError` if there is none, or no configuration to run
+    it with.
+    """
     for line in contents.problems:
         print(line, file=sys.stderr)
     folder = contents.folder

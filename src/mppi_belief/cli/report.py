@@ -1,4 +1,6 @@
-"""`mppi-belief report`: shows what the results of studies say, as tables, figures and a page; runs nothing."""
+"""`mppi-belief report`: shows what the results of studies say, as tables, figures and a page; runs
+nothing.
+"""
 
 import dataclasses
 from collections.abc import Sequence

@@ -1,4 +1,6 @@
-"""`mppi-belief results`: lists the cells of a results folder, shows, exports, compacts and checks them."""
+"""`mppi-belief results`: lists the cells of a results folder, shows, exports, compacts and checks
+them.
+"""
 
 from collections.abc import Sequence
 from typing import NamedTuple

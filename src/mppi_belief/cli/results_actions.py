@@ -1,4 +1,6 @@
-"""What `mppi-belief results` does with the cells of a results folder: list, show, export, compact, verify."""
+"""What `mppi-belief results` does with the cells of a results folder: list, show, export, compact,
+verify.
+"""
 
 import sys
 from collections.abc import Callable, Sequence

@@ -1,6 +1,7 @@
 """`mppi-belief run`: runs trials of a controller, or of a sweep over controllers and settings.
 
-Collects and checks the configurations of all cells, runs what is missing as one plan, and prints one table.
+Collects and checks the configurations of all cells, runs what is missing as one plan, and prints
+one table.
 """
 
 import dataclasses
@@ -69,7 +70,8 @@ def main(args: Sequence[str]) -> int:
 def run(request: Request, configs: Sequence[dict[str, Any]], variables: dict[str, str]) -> int:
     """Run the cells of some configurations and print their table; returns the exit code.
 
-    `variables` are those that workers need besides the environment of this process, which is prepared.
+    `variables` are those that workers need besides the environment of this process, which is
+    prepared.
     """
     from ..config import environment
     from ..config.cell import Cell

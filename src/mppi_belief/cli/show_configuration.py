@@ -1,4 +1,6 @@
-"""Prints what a request would compose: its configuration, the files it comes from, all groups and keys."""
+"""Prints what a request would compose: its configuration, the files it comes from, all groups and
+keys.
+"""
 
 from omegaconf import OmegaConf
 
@@ -27,7 +29,9 @@ def configuration(request: Request) -> str:
 
 
 def sources(request: Request) -> str:
-    """Returns a line for the main file and for the chosen option of each group: group, option, file."""
+    """Returns a line for the main file and for the chosen option of each group: group, option,
+    file.
+    """
     lines = [f"{'config':24}{'':24}{conf_dir() / 'config.yaml'}"]
     for group, option in sorted(first_job(request).options.items()):
         path = file_of(group, option, request.config_dirs) if option else None
@@ -36,7 +40,9 @@ def sources(request: Request) -> str:
 
 
 def groups_and_keys(request: Request) -> str:
-    """Returns what `run --help` says of groups and keys, with the values that the request gives them."""
+    """Returns what `run --help` says of groups and keys, with the values that the request gives
+    them.
+    """
     lines = ["Groups: choose an option with GROUP=OPTION"]
     lines += [
         f"{group}: {', '.join(options)}" for group, options in groups(request.config_dirs).items()

@@ -1,4 +1,6 @@
-"""`mppi-belief verify`: computes certificates of the paper's statements, or says what holds for one system."""
+"""`mppi-belief verify`: computes certificates of the paper's statements, or says what holds for one
+system.
+"""
 
 import contextlib
 import dataclasses
@@ -38,7 +40,9 @@ def parser(names: Sequence[str] = ()) -> CommandParser:
 
 
 def parse(args: Sequence[str]) -> Request:
-    """Returns what the words of a `verify` command ask for. Raises `ConfigError` for an unknown certificate."""
+    """Returns what the words of a `verify` command ask for. Raises `ConfigError` for an unknown
+    certificate.
+    """
     from ..results.certificate import CERTIFICATE_NAMES
 
     request = request_of(parser().read(args), args, "verify")
@@ -79,7 +83,9 @@ def main(args: Sequence[str]) -> int:
 
 
 def _system_settings(request: Request, config: dict[str, Any]) -> list[str]:
-    """Returns the overrides that describe a system. Raises `ConfigError` where they do not go with the rest."""
+    """Returns the overrides that describe a system. Raises `ConfigError` where they do not go with
+    the rest.
+    """
     from ..config.compose import RUNTIME_KEYS
 
     if config["platform"] != "cpu":
@@ -131,7 +137,9 @@ def verify_paper(request: Request, config: dict[str, Any], names: Sequence[str])
 
 
 def verify_system(request: Request, config: dict[str, Any], settings: Sequence[str]) -> int:
-    """Store and show which statements hold for the system of a configuration; returns the exit code."""
+    """Store and show which statements hold for the system of a configuration; returns the exit
+    code.
+    """
     from ..config.targets import allow
     from ..report.certificate_tables import show_system_certificate
     from ..results.certificate_files import StoredCertificate, store_certificate

@@ -12,7 +12,8 @@ from typing import Any, NamedTuple
 ALGORITHM_VERSION = 3  # raise when the same configuration would give other numbers
 
 
-# The keys of a configuration that make a cell's numbers: what it is built from, and how it is computed.
+# The keys of a configuration that make a cell's numbers: what it is built from, and how it is
+# computed.
 IDENTITY = (
     "system",
     "cost",
@@ -35,7 +36,9 @@ class Cell(NamedTuple):
 
     @property
     def id(self) -> str:
-        """The controller and a hash of all that makes the numbers of a trial; the same whoever runs it."""
+        """The controller and a hash of all that makes the numbers of a trial; the same whoever runs
+        it.
+        """
         identity = canonical(
             {key: self.config[key] for key in IDENTITY} | {"algorithm": ALGORITHM_VERSION}
         )
@@ -48,15 +51,16 @@ class Cell(NamedTuple):
 def batches(trials: Sequence[int], size: int) -> Iterator[tuple[int, ...]]:
     """Yields trials, which are in ascending order, as batches.
 
-    The trials of a batch have the same trial // size, so each trial has the same batch and the same place in it
-    whichever others are missing.
+    The trials of a batch have the same trial // size, so each trial has the same batch and the same
+    place in it whichever others are missing.
     """
     for _, batch in itertools.groupby(trials, lambda trial: trial // size):
         yield tuple(batch)
 
 
 def labels(config: dict[str, Any]) -> dict[str, Any]:
-    """Returns what distinguishes a cell in rows, tables and titles: controller, theta, w_obs, seed, all that was set.
+    """Returns what distinguishes a cell in rows, tables and titles: controller, theta, w_obs, seed,
+    all that was set.
 
     A number that the cell does not have is NaN.
     """
@@ -73,7 +77,8 @@ def labels(config: dict[str, Any]) -> dict[str, Any]:
 
 
 def canonical(node: Any) -> Any:
-    """Returns a configuration in the form that is compared: a float that is a whole number becomes an int.
+    """Returns a configuration in the form that is compared: a float that is a whole number becomes
+    an int.
 
     So 0.0 and 0 make the same cell.
     """

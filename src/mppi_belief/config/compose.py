@@ -12,11 +12,12 @@
       | _labels, fingerprints
     [dict]       with `names` (the option of each group), `swept` (what was set), `code` (a user's own modules)
 
-`collect` does all of it, so a mistake in any cell is found before the first trial of any other. `Cell` (cell.py) gives
-each dict its identity.
+`collect` does all of it, so a mistake in any cell is found before the first trial of any other.
+`Cell` (cell.py) gives each dict its identity.
 
-Of Hydra this module uses `initialize_config_dir`, `compose` and the `ConfigStore`: a job is a composed configuration.
-Hydra starts no launcher, sweeper, callback or logger, makes no folder, and reads no command line.
+Of Hydra this module uses `initialize_config_dir`, `compose` and the `ConfigStore`: a job is a
+composed configuration. Hydra starts no launcher, sweeper, callback or logger, makes no folder, and
+reads no command line.
 """
 
 import dataclasses
@@ -66,8 +67,8 @@ class Job(NamedTuple):
 def collect(request: Request) -> list[dict[str, Any]]:
     """Returns the configuration of every cell that a request asks for, checked.
 
-    Each is a dict of plain values: the top level of conf/config.yaml and its groups, with `names`, `swept` and `code`.
-    Raises `ConfigError`.
+    Each is a dict of plain values: the top level of conf/config.yaml and its groups, with `names`,
+    `swept` and `code`. Raises `ConfigError`.
     """
     jobs_of_request = [job for grid in grids(request) for job in jobs(grid)]
     configs = []
@@ -83,10 +84,12 @@ def collect(request: Request) -> list[dict[str, Any]]:
 
 
 def grids(request: Request) -> list[Request]:
-    """Returns one request for each grid of a study NAME: NAME.yaml, then every NAME.*.yaml beside it.
+    """Returns one request for each grid of a study NAME: NAME.yaml, then every NAME.*.yaml beside
+    it.
 
-    A grid crosses all that it sweeps, so methods whose settings are different keys need a grid each. A request that
-    sets a key which NAME.yaml sweeps asks for a part of that grid, and for no other.
+    A grid crosses all that it sweeps, so methods whose settings are different keys need a grid
+    each. A request that sets a key which NAME.yaml sweeps asks for a part of that grid, and for no
+    other.
     """
     for position, override in enumerate(request.overrides):
         group, _, study = override.partition("=")
@@ -121,13 +124,17 @@ def jobs(request: Request) -> list[Job]:
 
 
 def first_job(request: Request) -> Job:
-    """Returns the first job of a request, composed but not checked, to be shown. Raises `ConfigError`."""
+    """Returns the first job of a request, composed but not checked, to be shown. Raises
+    `ConfigError`.
+    """
     with _composing(request):
         return next(_jobs(grids(request)[0]))
 
 
 def _jobs(request: Request) -> Iterator[Job]:
-    """Yields the job that the overrides describe, or each of the sweep that they or a yaml file ask for."""
+    """Yields the job that the overrides describe, or each of the sweep that they or a yaml file ask
+    for.
+    """
     from hydra.types import RunMode
 
     choices = sweep.choices_of(request.overrides)
@@ -145,7 +152,9 @@ def _jobs(request: Request) -> Iterator[Job]:
 
 
 def _compose(request: Request, overrides: Sequence[str]) -> DictConfig:
-    """Returns the configuration that Hydra composes from conf/, the folders of the request and some overrides."""
+    """Returns the configuration that Hydra composes from conf/, the folders of the request and some
+    overrides.
+    """
     import hydra
     from hydra.core.override_parser.types import Quote, QuotedString
 
@@ -199,7 +208,9 @@ def _check_words(overrides: Sequence[str]) -> None:
 
 
 def _studies(request: Request) -> dict[str, Path]:
-    """Returns the file of every study by its name; as in Hydra, conf/ comes before the folders of --config-dir."""
+    """Returns the file of every study by its name; as in Hydra, conf/ comes before the folders of
+    --config-dir.
+    """
     files: dict[str, Path] = {}
     for folder in reversed([conf_dir(), *map(Path, request.config_dirs)]):
         files |= {path.stem: path for path in sorted((folder / "experiment").glob("*.yaml"))}
@@ -216,7 +227,9 @@ def _configuration(job: Job) -> dict[str, Any]:
 
 
 def _labels(job: Job, config: dict[str, Any]) -> dict[str, Any]:
-    """Returns what a configuration is called (`names`), what was set (`swept`), and the size of its batches."""
+    """Returns what a configuration is called (`names`), what was set (`swept`), and the size of its
+    batches.
+    """
     names = _names(job.options, config)
     keys = [key_of(override) for override in job.overrides]
     no_label = (*RUNTIME_KEYS, "sweep", "experiment", "hydra")
@@ -229,12 +242,15 @@ def _labels(job: Job, config: dict[str, Any]) -> dict[str, Any]:
 
 
 def label_of(key: str) -> str:
-    """Returns what a swept key is called in rows and reports: a part of the controller, `controller/sampler`, `sampler`."""
+    """Returns what a swept key is called in rows and reports: a part of the controller,
+    `controller/sampler`, `sampler`.
+    """
     return key.rpartition("/")[2]
 
 
 def _names(options: dict[str, str | None], config: dict[str, Any]) -> dict[str, str]:
-    """Returns the option of each group that names a cell. Raises `ConfigError` for one that is no file of its group.
+    """Returns the option of each group that names a cell. Raises `ConfigError` for one that is no
+    file of its group.
 
     A system's file may give the cost itself, which then has the system's name.
     """

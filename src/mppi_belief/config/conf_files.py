@@ -5,7 +5,9 @@ from pathlib import Path
 
 
 def conf_dir() -> Path:
-    """Returns conf/ of the checkout that this file belongs to, or the copy installed beside the package."""
+    """Returns conf/ of the checkout that this file belongs to, or the copy installed beside the
+    package.
+    """
     checkout = Path(__file__).resolve().parents[3]
     if (checkout / "pyproject.toml").is_file() and (checkout / "conf").is_dir():
         return checkout / "conf"
@@ -13,7 +15,9 @@ def conf_dir() -> Path:
 
 
 def groups(folders: Sequence[str] = ()) -> dict[str, list[str]]:
-    """Returns the options of every group of conf/ and of more folders, sorted; a nested group is `controller/sampler`."""
+    """Returns the options of every group of conf/ and of more folders, sorted; a nested group is
+    `controller/sampler`.
+    """
     options: dict[str, set[str]] = {}
     for folder in (conf_dir(), *map(Path, folders)):
         for path in folder.glob("*/**/*.yaml"):
@@ -23,7 +27,9 @@ def groups(folders: Sequence[str] = ()) -> dict[str, list[str]]:
 
 
 def file_of(group: str, option: str, folders: Sequence[str] = ()) -> Path | None:
-    """Returns the file of an option of a group: that of conf/, or else the first of the folders that has one."""
+    """Returns the file of an option of a group: that of conf/, or else the first of the folders
+    that has one.
+    """
     for folder in (conf_dir(), *map(Path, folders)):
         path = folder / group / f"{option}.yaml"
         if path.is_file():

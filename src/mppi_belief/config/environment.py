@@ -1,7 +1,8 @@
-"""The environment variables of processes that compute: one thread each, and a compilation cache on the disk.
+"""The environment variables of processes that compute: one thread each, and a compilation cache on
+the disk.
 
-They must be set before JAX or NumPy is imported and before a worker process starts. Two workers with two XLA or BLAS
-threads each are many times slower than two with one thread.
+They must be set before JAX or NumPy is imported and before a worker process starts. Two workers
+with two XLA or BLAS threads each are many times slower than two with one thread.
 """
 
 import os
@@ -18,8 +19,8 @@ _ONE_THREAD = {
 
 _XLA = (
     "--xla_cpu_multi_thread_eigen=false",
-    # A loop over less data than this many bytes becomes one kernel. Otherwise a scan over a horizon spends most of its
-    # time between the kernels of its steps.
+    # A loop over less data than this many bytes becomes one kernel. Otherwise a scan over a horizon
+    # spends most of its time between the kernels of its steps.
     "--xla_backend_extra_options=xla_cpu_small_while_loop_byte_threshold=1000000",
     "--xla_cpu_prefer_vector_width=512",  # exponentials take a third less time on AVX-512
 )
@@ -34,10 +35,11 @@ def cache_dir() -> Path:
 
 
 def prepare(platform: str = "cpu") -> dict[str, str]:
-    """Sets the environment of this process and of those that it starts; what the user has set stays.
+    """Sets the environment of this process and of those that it starts; what the user has set
+    stays.
 
-    Returns the variables that the workers of a platform need besides. Only workers compute on a GPU; they allocate its
-    memory as they need it.
+    Returns the variables that the workers of a platform need besides. Only workers compute on a
+    GPU; they allocate its memory as they need it.
     """
     for name, value in _ONE_THREAD.items():
         os.environ.setdefault(name, value)

@@ -1,4 +1,6 @@
-"""Turns what Hydra, OmegaConf and the yaml parser raise into one line that names the key and what is allowed."""
+"""Turns what Hydra, OmegaConf and the yaml parser raise into one line that names the key and what
+is allowed.
+"""
 
 import re
 from collections.abc import Callable, Iterator
@@ -61,7 +63,9 @@ def _unknown_key(match: re.Match[str], conf: Path) -> str:
 
 
 def _known_keys(parent: str, conf: Path) -> list[str]:
-    """Returns keys and groups of the top level, or the keys below `parent` in any file under `conf`."""
+    """Returns keys and groups of the top level, or the keys below `parent` in any file under
+    `conf`.
+    """
     if not parent:
         groups = [entry.name for entry in conf.iterdir() if entry.is_dir()]
         return [*(setting.name for setting in fields(Settings)), *groups]

@@ -1,6 +1,7 @@
 """The calibrated numbers of conf/, for code that needs them without composing a configuration.
 
-conf/ is the only home of these numbers. Certificates and tests read them here instead of copying them:
+conf/ is the only home of these numbers. Certificates and tests read them here instead of copying
+them:
 
     reference("cost", "goal_obstacles")["bump_width"]             # 0.26
     reference("system", "light_dark")["problem"]["prior_mean"]    # a system's file also holds the problem
@@ -20,8 +21,9 @@ GLOBAL_PACKAGE = "# @package _global_"  # first line of a file whose keys are th
 def reference(group: str, option: str) -> dict[str, Any]:
     """Returns the content of conf/GROUP/OPTION.yaml as plain Python values.
 
-    References to other settings, such as `${w_obs}` or `${cost.control_weight}`, are replaced by the values that
-    conf/config.yaml and its default options give them. Raises FileNotFoundError if there is no such file.
+    References to other settings, such as `${w_obs}` or `${cost.control_weight}`, are replaced by
+    the values that conf/config.yaml and its default options give them. Raises FileNotFoundError if
+    there is no such file.
     """
     options = _default_options() | {group: option}
     options = _options_in(_load("system", options["system"])) | options
@@ -49,7 +51,9 @@ def _default_options() -> dict[str, str]:
 
 
 def _content(group: str, option: str) -> dict[str, Any]:
-    """Returns what a file sets, by keys of the top level; includes the file of its group that it builds on, if any."""
+    """Returns what a file sets, by keys of the top level; includes the file of its group that it
+    builds on, if any.
+    """
     own = _load(group, option)
     content = OmegaConf.create()
     for entry in own.get("defaults", []):
@@ -63,7 +67,9 @@ def _content(group: str, option: str) -> dict[str, Any]:
 
 
 def _options_in(content: dict[str, Any]) -> dict[str, str]:
-    """Returns the options of groups that the defaults list of a file chooses: `- /cost: goal_obstacles`."""
+    """Returns the options of groups that the defaults list of a file chooses: `- /cost:
+    goal_obstacles`.
+    """
     options: dict[str, str] = {}
     for entry in content.get("defaults", []):
         if isinstance(entry, dict):

@@ -1,7 +1,7 @@
 """What a command line asks for.
 
-`mppi_belief.cli` parses the words of a command once into a `Request`; everything after that reads the request and never
-the words.
+`mppi_belief.cli` parses the words of a command once into a `Request`; everything after that reads
+the request and never the words.
 """
 
 from dataclasses import dataclass

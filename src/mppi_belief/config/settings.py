@@ -1,7 +1,8 @@
 """The settings of a command: types and ranges of the top level of a configuration.
 
-OmegaConf checks the types while it composes, `check` the ranges afterwards. Groups (system, cost, ...) are checked where
-their objects are built. Imports no JAX, so that a wrong setting is reported before anything slow is loaded.
+OmegaConf checks the types while it composes, `check` the ranges afterwards. Groups (system, cost,
+...) are checked where their objects are built. Imports no JAX, so that a wrong setting is reported
+before anything slow is loaded.
 """
 
 import math
@@ -72,7 +73,9 @@ def batch_size(config: dict[str, Any]) -> int | None:
 
 
 def check(config: dict[str, Any]) -> None:
-    """Raises `ConfigError` for an unknown key, a setting out of range, or a value that no setting can have."""
+    """Raises `ConfigError` for an unknown key, a setting out of range, or a value that no setting
+    can have.
+    """
     _check_keys(config, [setting.name for setting in fields(Settings)])
     _check_keys(config["planner"], [setting.name for setting in fields(Planner)], "planner.")
     for name, rule in rules(Settings).items():

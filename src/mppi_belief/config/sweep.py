@@ -1,8 +1,9 @@
 """The jobs of a command line: one list of overrides for each configuration that is to be composed.
 
-Hydra's public API composes one configuration at a time; it has no function that lists the jobs of a sweep. This module
-does, with the parser of overrides that Hydra offers to sweeper plugins (`hydra.core.override_parser`). It takes nothing
-from `hydra._internal`, and it is the only module that needs more of Hydra than its documented functions.
+Hydra's public API composes one configuration at a time; it has no function that lists the jobs of a
+sweep. This module does, with the parser of overrides that Hydra offers to sweeper plugins
+(`hydra.core.override_parser`). It takes nothing from `hydra._internal`, and it is the only module
+that needs more of Hydra than its documented functions.
 """
 
 import itertools
@@ -27,9 +28,9 @@ def choices_of(
 ) -> list[SweptChoice]:
     """Returns the choices that overrides and the sweep of a yaml file leave.
 
-    `swept` maps keys to the values that a yaml file sweeps, in the notation of a command line ("0,1,2"); an override of
-    the same key replaces them. Raises `ConfigError` for a sweep that is empty, continuous or too long, and what Hydra
-    raises for a word that is no override.
+    `swept` maps keys to the values that a yaml file sweeps, in the notation of a command line
+    ("0,1,2"); an override of the same key replaces them. Raises `ConfigError` for a sweep that is
+    empty, continuous or too long, and what Hydra raises for a word that is no override.
     """
     from hydra.core.global_hydra import GlobalHydra
     from hydra.core.override_parser.overrides_parser import OverridesParser
@@ -50,7 +51,9 @@ def first(choices: Sequence[SweptChoice]) -> list[str]:
 
 
 def product(choices: Sequence[SweptChoice]) -> Iterator[list[str]]:
-    """Yields the overrides of each job: all combinations. Raises `ConfigError` if there are too many."""
+    """Yields the overrides of each job: all combinations. Raises `ConfigError` if there are too
+    many.
+    """
     if math.prod(len(choice.overrides) for choice in choices) > MOST_JOBS:
         raise ConfigError(f"a sweep of more than {MOST_JOBS} settings")
     return map(list, itertools.product(*(choice.overrides for choice in choices)))

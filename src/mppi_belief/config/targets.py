@@ -1,7 +1,7 @@
 """What a `_target_` may name: classes of this package, and of modules in folders that were allowed.
 
-The place of a module's file decides whether it may be named, before anything of it is imported. A user's code is part of
-what a trial is, so it has a fingerprint: a hash of its files.
+The place of a module's file decides whether it may be named, before anything of it is imported. A
+user's code is part of what a trial is, so it has a fingerprint: a hash of its files.
 """
 
 import hashlib
@@ -20,14 +20,18 @@ ALLOWED_FOLDERS: list[str] = []
 
 
 def allow(folders: Sequence[str | Path]) -> None:
-    """Allows a `_target_` to name modules of these folders, which go to the front of the module search path."""
+    """Allows a `_target_` to name modules of these folders, which go to the front of the module
+    search path.
+    """
     paths = [str(Path(folder).resolve()) for folder in folders]
     sys.path[:] = [*paths, *(path for path in sys.path if path not in paths)]
     ALLOWED_FOLDERS.extend(path for path in paths if path not in ALLOWED_FOLDERS)
 
 
 def locate(name: Any, path: str) -> Any:
-    """Returns what the `_target_` of the node at `path` names. Raises `ConfigError`; imports only what is allowed."""
+    """Returns what the `_target_` of the node at `path` names. Raises `ConfigError`; imports only
+    what is allowed.
+    """
     module, attribute = _module_and_class(name, path)
     top = module.partition(".")[0]
     if top != PACKAGE:
@@ -41,8 +45,8 @@ def locate(name: Any, path: str) -> Any:
 def fingerprints(config: dict[str, Any], folders: Sequence[str | Path]) -> dict[str, str]:
     """Returns a fingerprint for each module outside this package that a configuration names.
 
-    It is the first 12 hexadecimal digits of the SHA-256 of the module's file; of a package, of all its Python files.
-    Raises `ConfigError` for a module that is not in `folders`.
+    It is the first 12 hexadecimal digits of the SHA-256 of the module's file; of a package, of all
+    its Python files. Raises `ConfigError` for a module that is not in `folders`.
     """
     paths = [str(Path(folder).resolve()) for folder in folders]
     digests = {}
@@ -78,7 +82,9 @@ def _module_and_class(name: Any, path: str) -> tuple[str, str]:
 
 
 def _find_module(top: str, folders: Sequence[str], setting: str) -> ModuleSpec:
-    """Returns where a top-level module lies in one of the folders, without importing it. Raises `ConfigError`."""
+    """Returns where a top-level module lies in one of the folders, without importing it. Raises
+    `ConfigError`.
+    """
     invalidate_caches()  # the folder may have changed within the clock's resolution
     spec = PathFinder.find_spec(top, list(folders)) if folders else None
     if spec is None:

@@ -1,13 +1,14 @@
 """What SIGINT (Ctrl-C) and SIGTERM do, from the first import of a command to its last line.
 
-1. `__main__` blocks both before it imports anything else (`block`): a signal during an import would end it with a
-   traceback. Blocked signals wait.
-2. `run` keeps them blocked (`held`) until it can stop politely (`polite_stop`): the first signal finishes the trials
-   that run and writes them, the second ends the run at once.
-3. `report`, `verify`, `results` and `replay` leave nothing half done, so they end at the first signal
-   (`ended_by_signals`).
-4. Workers ignore both (`ignore`), since a terminal sends Ctrl-C to the whole process group: the parent decides. Threads
-   and processes that must never see a signal are started while both are blocked (`masked`).
+1. `__main__` blocks both before it imports anything else (`block`): a signal during an import would
+   end it with a traceback. Blocked signals wait.
+2. `run` keeps them blocked (`held`) until it can stop politely (`polite_stop`): the first signal
+   finishes the trials that run and writes them, the second ends the run at once.
+3. `report`, `verify`, `results` and `replay` leave nothing half done, so they end at the first
+   signal (`ended_by_signals`).
+4. Workers ignore both (`ignore`), since a terminal sends Ctrl-C to the whole process group: the
+   parent decides. Threads and processes that must never see a signal are started while both are
+   blocked (`masked`).
 5. When all is done, `__main__` ignores them (`ignore`): the command ends anyway.
 
 A command that a signal stops has the exit code 128 + number of the signal.
@@ -50,7 +51,9 @@ def ignore() -> None:
 
 @contextmanager
 def held() -> Iterator[None]:
-    """Keeps signals waiting, since a half-done import answers them with a traceback; `polite_stop` lets them in."""
+    """Keeps signals waiting, since a half-done import answers them with a traceback; `polite_stop`
+    lets them in.
+    """
     mask_before = signal.pthread_sigmask(signal.SIG_BLOCK, STOPPING)
     try:
         yield
@@ -62,7 +65,9 @@ def held() -> Iterator[None]:
 
 @contextmanager
 def masked() -> Iterator[None]:
-    """Keeps signals waiting; threads and processes that are started meanwhile never get them from a terminal."""
+    """Keeps signals waiting; threads and processes that are started meanwhile never get them from a
+    terminal.
+    """
     from multiprocessing import resource_tracker  # 40 ms that --help need not wait for
 
     # The first process to start would start the tracker, and that lets signals in again.
@@ -112,8 +117,8 @@ def ended_by_signals(
 
     Returns its exit code, or after `on_stop` 128 + number of the signal.
 
-    The signal raises KeyboardInterrupt in the command. Imports and callbacks may swallow that exception, so the process
-    ends after `grace` seconds in any case.
+    The signal raises KeyboardInterrupt in the command. Imports and callbacks may swallow that
+    exception, so the process ends after `grace` seconds in any case.
     """
 
     def stop(number: int, frame: FrameType | None) -> None:
