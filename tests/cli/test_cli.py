@@ -61,7 +61,7 @@ BAD = [
     "run cost.goal=[1]",
     "run controller._target_=os.system",
     "run controller._target_=nowhere.Controller",
-    "run ~cost.w_obs",
+    "run ~cost.goal",
     "run ~system._target_",
     "run controller=pipf filter=ekf",
     "theta=1",
