@@ -28,7 +28,7 @@ from cli_helpers import (
     restored,
 )
 from mppi_belief.cli import exit_codes
-from mppi_belief.cli.main import module_of
+from mppi_belief.cli.main import COMMANDS
 from mppi_belief.config.compose import collect as collect_request
 from mppi_belief.config.request import Request
 from mppi_belief.config.settings import Planner, Settings
@@ -372,12 +372,12 @@ def test_the_docs_have_the_exit_codes_of_the_commands():
     assert exit_codes.markdown() in (CONF.parent / "docs" / "reliability.md").read_text()
 
 
-@pytest.mark.parametrize("command_name", ["run", "report", "verify", "results", "replay"])
+@pytest.mark.parametrize("command_name", COMMANDS)
 def test_the_help_of_a_command_names_its_options_and_exit_codes(command_name, mppi_belief_command):
     said = mppi_belief_command(command_name, "--help")
     assert (said.code, said.err) == (0, "")
     assert said.out.startswith(f"usage: mppi-belief {command_name} ")
-    assert all(option in said.out for option in module_of(command_name).parser().options)
+    assert all(option in said.out for option in COMMANDS[command_name].parser().options)
     for entry in exit_codes.meanings_of(command_name):
         assert re.search(rf"^  {entry.code} +{re.escape(entry.meaning)}$", said.out, re.MULTILINE)
 

@@ -1,11 +1,11 @@
 """Tab completion in bash: the script that is evaluated, and the words that it asks for.
 
-The commands come from `main.COMMANDS`, their options from their parsers, keys and options of groups
+The options of a command come from its parser, keys and options of groups
 from the configuration that the words before the cursor compose.
 """
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from omegaconf import OmegaConf
@@ -30,34 +30,36 @@ complete -o nospace -o default -F _mppi_belief_completion mppi-belief
 """.lstrip()
 
 
-def complete(args: Sequence[str]) -> int:
-    """Carry out `mppi-belief -sc install=bash` or `query=bash`; returns the exit code."""
+def complete(args: Sequence[str], commands: Mapping[str, Any]) -> int:
+    """Carry out `mppi-belief -sc install=bash` or `query=bash`; returns the exit code.
+
+    `commands` has the module of each command, as `main.COMMANDS` has.
+    """
     if "install=bash" in args:
         print(SCRIPT, end="")
     elif "query=bash" in args:
         line = os.environ.get("COMP_LINE", "")
         point = int(os.environ.get("COMP_POINT") or len(line))
-        for word in candidates(line[:point]):
+        for word in candidates(line[:point], commands):
             print(word)
     else:
         raise ConfigError("-sc: must be followed by install=bash or query=bash")
     return exit_codes.DONE
 
 
-def candidates(line: str) -> list[str]:
+def candidates(line: str, commands: Mapping[str, Any]) -> list[str]:
     """Returns what the last word of a line may become; after a space, that is a new word."""
-    from .main import COMMANDS, FIRST_WORDS, module_of
-
     words = line.split()[1:]
     if not words or line.endswith(" "):
         words.append("")
     *before, last = words
     if not before:
-        return [word for word in FIRST_WORDS if word.startswith(last)]
+        first_words = (*commands, "--help", "--version")
+        return [word for word in first_words if word.startswith(last)]
     command, *before = before
-    if command not in COMMANDS:
+    if command not in commands:
         return []
-    module = module_of(command)
+    module = commands[command]
     if last.startswith("-"):
         return [option for option in module.parser().options if option.startswith(last)]
     return list(module.complete(before, last))

@@ -18,17 +18,21 @@ import io
 import os
 import sys
 from collections.abc import Callable
-from importlib import import_module
 from typing import Any
 
 from .. import __version__
 from ..errors import ConfigError, plain_line
 from ..run.signals import ended_by_signals, held
 from ..run.workers import WorkersGone
-from . import exit_codes
+from . import exit_codes, replay, report, results, run, verify
 
-COMMANDS = ("run", "report", "verify", "results", "replay")
-FIRST_WORDS = (*COMMANDS, "--help", "--version")
+COMMANDS: dict[str, Any] = {
+    "run": run,
+    "report": report,
+    "verify": verify,
+    "results": results,
+    "replay": replay,
+}
 COMPLETION = ("-sc", "--shell-completion")
 EXAMPLES = {
     "run": "mppi-belief run controller=belief theta=1",
@@ -47,7 +51,7 @@ def main() -> int:
     if any(arg in COMPLETION for arg in args):
         from .completion import complete
 
-        return guarded(lambda: complete(args))
+        return guarded(lambda: complete(args, COMMANDS))
     if not args or args[0] in ("-h", "--help"):
         return guarded(lambda: _print(overview()))
     if args[0] == "--version":
@@ -61,26 +65,21 @@ def carry_out(command: str, args: list[str]) -> int:
     """Run one command; `run` answers signals itself, the others end at the first one."""
     if command == "run":
         with held():
-            return int(module_of(command).main(args))
+            return int(COMMANDS[command].main(args))
     return ended_by_signals(
-        lambda: int(module_of(command).main(args)),
+        lambda: int(COMMANDS[command].main(args)),
         on_stop=lambda: print("mppi-belief: stopped", file=sys.stderr),
     )
-
-
-def module_of(command: str) -> Any:
-    """Returns the module of a command."""
-    return import_module(f".{command}", __package__)
 
 
 def overview() -> str:
     """Returns what `mppi-belief --help` prints."""
     lines = ["usage: mppi-belief COMMAND [ARGS]", ""]
-    for command in COMMANDS:
-        lines.append(f"  {command:10}{module_of(command).SUMMARY:46}{EXAMPLES[command]}")
+    for name, command in COMMANDS.items():
+        lines.append(f"  {name:10}{command.SUMMARY:46}{EXAMPLES[name]}")
     lines += [
         "",
-        "  mppi-belief COMMAND --help   print the arguments of a command, its options and exit codes",
+        "  mppi-belief COMMAND --help   print arguments, options and exit codes of a command",
         "  mppi-belief run --help       print all settings, too",
         "  mppi-belief --version        print the version",
         "",
