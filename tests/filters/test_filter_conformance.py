@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from jax import Array
 
 import mppi_belief as mb
 from cli_helpers import CONF, compose
@@ -106,3 +107,45 @@ def test_filters_agree_on_the_innovations_of_a_sensor_that_follows_the_belief(x6
         quick_jit(mb.consistency)(problem, filter, trial) for filter in (mb.EKF(), mb.UKF())
     )
     np.testing.assert_allclose(unscented.nis, extended.nis, rtol=1e-9)
+
+
+@mb.struct
+class Compass:
+    """Turns on the spot and reads its heading modulo a turn, in (-pi, pi]."""
+
+    heading_error: float = mb.number(0.05, gt=0)  # rad
+
+    @property
+    def H(self) -> Array:
+        return jnp.array([[0.05]])
+
+    def f(self, x: Array) -> Array:
+        return jnp.zeros(1)
+
+    def G(self, x: Array) -> Array:
+        return jnp.ones((1, 1))
+
+    def c(self, x: Array) -> Array:
+        return jnp.arctan2(jnp.sin(x), jnp.cos(x))
+
+    def difference(self, y: Array, predicted: Array) -> Array:
+        offset = y - predicted
+        return offset - 2 * jnp.pi * jnp.round(offset / (2 * jnp.pi))
+
+    def sigma_o(self, x: Array) -> Array:
+        return jnp.full((1, 1), self.heading_error)
+
+
+@pytest.mark.parametrize("heading", [3.10, 3.18, 3.10 - 2 * np.pi, 3.18 - 2 * np.pi])
+def test_the_bank_weighs_two_headings_on_both_sides_of_the_jump_by_bayes_rule(heading, x64):
+    """One mode heads a little north of west, the other, whose reading is negative, south of it."""
+    cost = mb.GoalObstacleCost([3.14], [1.0], [1.0], [1.0], 0, 1)
+    modes = np.array([[-0.04], [0.04]])
+    problem = mb.Problem(Compass(), cost, [3.14], [0.02], 0.1, 5, prior_modes=modes)
+    bank = mb.MixtureFilter()
+    first = bank.init(problem, KEY)
+    after = quick_jit(bank.update)(problem, first, jnp.zeros(1), jnp.array([heading]), KEY)
+    variance = 0.02**2 + 0.05**2 * 0.1 + 0.05**2
+    offsets = heading % (2 * np.pi) - np.array([3.10, 3.18])
+    likelihoods = np.exp(-0.5 * offsets**2 / variance)
+    np.testing.assert_allclose(after.weights, likelihoods / likelihoods.sum(), rtol=1e-9)
