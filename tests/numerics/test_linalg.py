@@ -10,11 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from helpers import float64, quick_jit, random_spd
-from mppi_belief.numerics import linalg, square_root
+from mppi_belief.numerics import linalg
 
 PRECISIONS = {"float32": (nullcontext, np.float32), "float64": (float64, np.float64)}
 inverse = quick_jit(linalg.spd_inverse)
-factorise = quick_jit(square_root.psd_factor)
 precision = pytest.mark.parametrize("precision", PRECISIONS)
 
 
@@ -91,28 +90,6 @@ def test_log_det_of_i_plus_m_itself_would_lose_the_small():
     M = np.float32(1e-9) * np.eye(2, dtype=np.float32)
     assert np.linalg.slogdet(np.eye(2, dtype=np.float32) + M)[1] == 0
     assert linalg.log_det_1p(jnp.asarray(M)) == pytest.approx(2e-9)
-
-
-@precision
-@pytest.mark.parametrize(("n", "rank"), [(n, r) for n in (1, 2, 4) for r in range(n + 1)])
-def test_psd_factor_has_the_rank_of_the_matrix(n, rank, precision, rng):
-    context, dtype = PRECISIONS[precision]
-    for scale in (1e-6, 1.0, 1e6):
-        basis, _ = np.linalg.qr(rng.normal(size=(n, n)))
-        values = np.append(rng.uniform(0.1, 1, rank), np.zeros(n - rank))
-        M = (scale * basis @ np.diag(values) @ basis.T).astype(dtype)
-        with context():
-            L, computed = (np.asarray(part) for part in factorise(M))
-        assert computed == rank == np.linalg.matrix_rank(M, hermitian=True)
-        np.testing.assert_array_equal(L[:, rank:], 0)
-        assert np.all(np.any(L[:, :rank] != 0, axis=0))
-        np.testing.assert_allclose(L @ L.T, M, atol=20 * n * eps(dtype) * scale)
-
-
-def test_psd_factor_of_zero_is_zero_of_rank_zero():
-    L, rank = factorise(jnp.zeros((3, 3)))
-    assert rank == 0
-    np.testing.assert_array_equal(L, 0)
 
 
 def test_symmetrise_takes_the_symmetric_part_of_a_batch(rng):
