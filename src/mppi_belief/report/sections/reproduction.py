@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -74,9 +74,12 @@ def _open_values(cells: Sequence[CellResults]) -> pd.DataFrame:
     rows = []
     for cell in by_method(cells).get("belief", [])[:1]:
         for key, meaning in published.OPEN.items():
-            group, _, name = key.partition(".")
-            value = str(cell.config[group].get(name, "-"))
-            rows.append({"Key": key, "Meaning": meaning, "Value": value})
+            value: Any = cell.config
+            for name in key.split("."):
+                value = value.get(name, {})
+            rows.append(
+                {"Key": key, "Meaning": meaning, "Value": "-" if value == {} else str(value)}
+            )
     return pd.DataFrame(rows)
 
 
