@@ -26,8 +26,8 @@ class CertificateOutcome(NamedTuple):
 def compute_certificate(config: dict[str, Any], trials: Sequence[int]) -> CertificateOutcome:
     """Computes the certificate of the module `config["name"]` for the seed `config["seed"]`.
 
-    All is computed in double precision. The signature is that of work for `run.pool.Pool`, whose named tasks have the trial 0 only.
-    Raises what the module raises.
+    All is computed in double precision. The signature is that of work for `run.pool.Pool`, whose
+    named tasks have the trial 0 only. Raises what the module raises.
     """
     start = time.perf_counter()
     name = config["name"]

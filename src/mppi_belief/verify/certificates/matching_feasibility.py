@@ -3,8 +3,8 @@
     (i)  D = lambda G W G' for some W >= 0        if and only if  range(D) is contained in range(G)
     (ii) D = lambda G R^-1 G' for some R > 0      if and only if  range(D) = range(G)
 
-With P the projector on range(G), the nearest G W G' is P D P, so the least residual is sqrt(1 - |P
-D P|^2 / |D|^2).
+With P the projector on range(G), the nearest G W G' is P D P, so the least residual is
+sqrt(1 - |P D P|^2 / |D|^2).
 """
 
 import numpy as np

@@ -146,7 +146,9 @@ def _readings(lines: LinesByConvention) -> dict[str, float]:
     as_sampled_intensity = closed_residual(sigma_o / time_step() ** 0.5, "sample")
     readings = {
         "at rest in the light as an intensity": float(closed_residual(sigma_o, "intensity")),
-        "at rest for a filter that samples this intensity every 0.1 s": float(as_sampled_intensity),
+        f"at rest for a filter that samples this intensity every {time_step():g} s": float(
+            as_sampled_intensity
+        ),
         "at rest in the light as a sample's deviation": float(closed_residual(sigma_o, "sample")),
     }
     for name, line in lines.items():
@@ -175,13 +177,14 @@ def _residual_text(lines: LinesByConvention, resting: LineResiduals) -> str:
     sample = _sigma_of_printed("sample")
     numbers = light_dark_numbers()
     distance = (sample - numbers["noise_floor"]) / numbers["noise_slope"]
+    start, goal = (f"({x:g}, {y:g})" for x, y in (start_position(), goal_position()))
     return (
         "The residual at rest has a closed form, whether sigma_o is an intensity (of the noise of "
         "the continuous measurement) or a sample's deviation (of one measurement every Δt). "
         "SciPy's Riccati equation, the package's Riccati flow and its filter agree with it. A "
         "duality gap shows that no other W ≥ 0 leaves less, also for control directions that turn "
         "with time, where W ≥ 0 binds. The paper prints 0.79 without a context. We compare nine "
-        "readings, on a straight line at constant speed from (0.9, 1.9) to (7, 0), which is not "
+        f"readings, on a straight line at constant speed from {start} to {goal}, which is not "
         f"the planner's path: {values}; {' and '.join(matching) or 'none'} of them is 0.79 to two "
         "digits. We also tried others (windows around the light, discretisations): only one, with "
         "an arbitrary window, rounds to 0.79 (sample, Riccati schedule, averaged over |p_x - 5| < "
@@ -202,7 +205,7 @@ def _rest_panel() -> Panel:
         "ε*",
         [
             Line("intensity (Riccati equation)", sigmas, intensity),
-            Line("sample (filter, Δt = 0.1 s)", sigmas, sample),
+            Line(f"sample (filter, Δt = {time_step():g} s)", sigmas, sample),
             Line("printed, 0.79", [sigmas[0], sigmas[-1]], [PRINTED, PRINTED], "dashed"),
         ],
         "x",
