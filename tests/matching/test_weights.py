@@ -12,13 +12,8 @@ from scipy.linalg import solve_continuous_are, solve_discrete_are
 from helpers import float64, light_dark_problem, quick_jit, random_spd
 from mppi_belief.belief.prior import prior
 from mppi_belief.belief.schedule import gain_schedule
-from mppi_belief.matching.weights import (
-    best_constant_weight,
-    best_weight,
-    matched_weight,
-    optimality_gap,
-    residual,
-)
+from mppi_belief.matching.constant_weight import best_constant_weight, optimality_gap
+from mppi_belief.matching.weights import best_weight, matched_weight, residual
 
 NX = 4
 NU = 2

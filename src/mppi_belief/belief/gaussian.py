@@ -20,7 +20,7 @@ class RootBelief(NamedTuple):
 
     @property
     def cov(self) -> Array:
-        """The covariance Sigma (nx, nx)."""
+        """Returns the covariance Sigma (nx, nx)."""
         return covariance(self.root)
 
 
@@ -33,22 +33,22 @@ class MixtureBelief(NamedTuple):
 
     @property
     def weights(self) -> Array:
-        """The weights w (m,), which add up to one."""
+        """Returns the weights w (m,), which add up to one."""
         return jnp.exp(self.log_weights)
 
     @property
     def mean(self) -> Array:
-        """The mean (nx,) of the mixture, sum_i w_i mu_i."""
+        """Returns the mean (nx,) of the mixture, sum_i w_i mu_i."""
         return self.weights @ self.means
 
     @property
     def cov(self) -> Array:
-        """The covariance (nx, nx) of the mixture."""
+        """Returns the covariance (nx, nx) of the mixture."""
         return mixture_covariance(self.weights, self.means, covariance(self.roots))
 
     @property
     def root(self) -> Array:
-        """A square root (nx, nx) of the mixture's covariance."""
+        """Returns a square root (nx, nx) of the mixture's covariance."""
         offsets = (self.means - self.mean)[:, :, None]
         columns = jnp.concatenate([self.roots, offsets], axis=2)
         weighted = columns * jnp.sqrt(self.weights)[:, None, None]

@@ -55,7 +55,7 @@ def aim_sensor_ahead(problem: Problem, belief: Any, u: Array) -> Problem:
 
 
 def correct(problem: Problem, belief: Belief | RootBelief, y: Array) -> Correction:
-    """Corrects a predicted belief by the measurement y (ny,), noise at the predicted mean."""
+    """Returns what the measurement y (ny,) makes of a predicted belief, noise at its mean."""
     mean = belief.mean
     root = covariance_root(belief)
     problem = aim_sensor(problem, mean, root)

@@ -22,7 +22,7 @@ class EKF:
         return kalman.predict(problem, belief, u)
 
     def correct(self, problem: Problem, belief: Belief | RootBelief, y: Array) -> Correction:
-        """Corrects a predicted belief by the measurement y (ny,)."""
+        """Returns what the measurement y (ny,) makes of a predicted belief."""
         return kalman.correct(problem, belief, y)
 
     def update(

@@ -50,7 +50,7 @@ class UKF:
         return predicted_moments(problem, belief, u)
 
     def correct(self, problem: Problem, belief: Belief | RootBelief, y: Array) -> Correction:
-        """Corrects a predicted belief by the measurement y (ny,), by the linear regression of c."""
+        """Returns what the measurement y (ny,) makes of a predicted belief, by regression of c."""
         root = covariance_root(belief)
         mean = belief.mean
         fit = measurement_regression(problem, RootBelief(mean, root))

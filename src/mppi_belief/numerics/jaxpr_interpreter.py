@@ -77,7 +77,7 @@ ELEMENTWISE = frozenset(
 
 
 class RuleTable(NamedTuple, Generic[Represented]):
-    """How values are represented and what becomes of each operation.
+    """Says how values are represented and what becomes of each operation.
 
     A rule takes the operation, its represented inputs and the number of samples; it returns the
     represented outputs, or None where it does not cover the case.
@@ -89,7 +89,7 @@ class RuleTable(NamedTuple, Generic[Represented]):
 
 
 class TracedSample(NamedTuple):
-    """A function traced for one sample."""
+    """Holds a function traced for one sample."""
 
     closed_jaxpr: core.ClosedJaxpr
     outputs: Any  # the pytree of the function's results, of `jax.ShapeDtypeStruct`
@@ -192,7 +192,7 @@ def aval(variable: Any) -> jax.ShapeDtypeStruct:
 
 
 def is_plain_product(equation: core.JaxprEqn) -> bool:
-    """Whether a `dot_general` has one type, no batch axes, and at least one term to add up."""
+    """Says whether a `dot_general` has one type, no batch axes, and at least one term."""
     (contracted, _), (batch, _) = equation.params["dimension_numbers"]
     a, b = (aval(variable) for variable in equation.invars)
     same_type = a.dtype == b.dtype

@@ -100,7 +100,7 @@ def _constant(array: Any) -> Table:
 
 
 def _is_known(x: Any) -> bool:
-    """Whether a component is a number known while tracing."""
+    """Says whether a component is a number known while tracing."""
     return not isinstance(x, Array)
 
 
@@ -160,7 +160,7 @@ def _arithmetic(operation: Callable[[Any, Any], Any]) -> Rule:
     return lambda equation, tables, n: [_for_each(operation, tables)]
 
 
-def _elementwise(equation: core.JaxprEqn, tables: list[Table], n: int) -> list[Table]:
+def _elementwise_table(equation: core.JaxprEqn, tables: list[Table], n: int) -> list[Table]:
     return [_for_each(functools.partial(_bind_component, equation), tables)]
 
 
@@ -214,19 +214,19 @@ def _reduction(operation: Callable[[Any, Any], Any]) -> Rule:
     return _moving(reduce)
 
 
-def _slice(output: Any, params: dict[str, Any], x: Table) -> Table:
+def _slice_table(output: Any, params: dict[str, Any], x: Table) -> Table:
     strides = params["strides"] or itertools.repeat(1)
     return x[tuple(map(slice, params["start_indices"], params["limit_indices"], strides))]
 
 
-def _broadcast(output: Any, params: dict[str, Any], x: Table) -> Table:
+def _broadcast_table(output: Any, params: dict[str, Any], x: Table) -> Table:
     sizes = [1] * len(output.shape)
     for axis, size in zip(params["broadcast_dimensions"], x.shape, strict=True):
         sizes[axis] = size
     return np.broadcast_to(x.reshape(sizes), output.shape)
 
 
-def _pad(output: Any, params: dict[str, Any], x: Table, value: Table) -> Table:
+def _pad_table(output: Any, params: dict[str, Any], x: Table, value: Table) -> Table:
     padded = _build(output.shape, lambda index: value[()])
     spans = [
         slice(low, low + size * (interior + 1), interior + 1)
@@ -240,7 +240,7 @@ def _iota(output: Any, params: dict[str, Any]) -> Table:
     return _build(output.shape, lambda index: output.dtype.type(index[params["dimension"]]))
 
 
-def _fallback(equation: core.JaxprEqn, tables: list[Table], n: int) -> list[Table]:
+def _fallback_table(equation: core.JaxprEqn, tables: list[Table], n: int) -> list[Table]:
     """Carries the operation out by `jax.vmap`, on the arrays of the tables."""
     arrays = [
         _join(table, aval(variable).dtype, n)
@@ -250,26 +250,28 @@ def _fallback(equation: core.JaxprEqn, tables: list[Table], n: int) -> list[Tabl
     return [_table(array, array.shape[:-1]) for array in results]
 
 
-_RULES: dict[str, Rule] = {
-    **dict.fromkeys(ELEMENTWISE, _elementwise),
+_TABLE_RULES: dict[str, Rule] = {
+    **dict.fromkeys(ELEMENTWISE, _elementwise_table),
     "add": _arithmetic(_add),
     "add_any": _arithmetic(_add),
-    "broadcast_in_dim": _moving(_broadcast),
+    "broadcast_in_dim": _moving(_broadcast_table),
     "concatenate": _moving(lambda out, params, *xs: np.concatenate(xs, params["dimension"])),
     "dot_general": _product,
     "iota": _moving(_iota),
     "mul": _arithmetic(_multiply),
-    "pad": _moving(_pad),
+    "pad": _moving(_pad_table),
     "reduce_max": _reduction(jnp.maximum),
     "reduce_min": _reduction(jnp.minimum),
     "reduce_sum": _reduction(_add),
     "reshape": _moving(lambda out, params, x: x.reshape(out.shape)),
     "rev": _moving(lambda out, params, x: np.flip(x, params["dimensions"])),
-    "slice": _moving(_slice),
+    "slice": _moving(_slice_table),
     "split": _split,
     "squeeze": _moving(lambda out, params, x: x.reshape(out.shape)),
     "stack": _moving(lambda out, params, *xs: np.stack(xs, params.get("axis", 0))),
     "sub": _arithmetic(_subtract),
     "transpose": _moving(lambda out, params, x: x.transpose(params["permutation"])),
 }
-_COMPONENTS: RuleTable[Table] = RuleTable(constant=_constant, rules=_RULES, fallback=_fallback)
+_COMPONENTS: RuleTable[Table] = RuleTable(
+    constant=_constant, rules=_TABLE_RULES, fallback=_fallback_table
+)

@@ -18,7 +18,7 @@ from .linalg import symmetrise
 
 
 class PotterUpdate(NamedTuple):
-    """What measurements make of a covariance root root'."""
+    """Holds what measurements make of a covariance root root'."""
 
     root: Array  # (nx, nx), of the covariance after the measurements
     gain: Array  # K (nx, ny)
@@ -67,9 +67,9 @@ def pivoted_cholesky(M: Array) -> Array:
 
 
 def tria(M: Array) -> Array:
-    """Triangularises: returns lower triangular L (n, n) with L L' = M M' for M (n, m).
+    """Returns lower triangular L (n, n) with L L' = M M' for M (n, m): triangularisation.
 
-    By modified Gram-Schmidt on the rows. M M' is never formed, so what is small beside terms that
+    It uses modified Gram-Schmidt on the rows. M M' is never formed, so what is small beside terms that
     cancel keeps its digits.
     """
     rows: list[Array] = list(M)

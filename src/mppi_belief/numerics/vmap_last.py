@@ -39,7 +39,7 @@ LARGEST_UNROLLED = 8  # terms of a sum; longer products are left to the matrix m
 
 
 class BatchedValue(NamedTuple):
-    """An array as this table represents it."""
+    """Holds an array as this table represents it."""
 
     array: Any  # (..., N) where mapped, else (...)
     mapped: bool  # whether the last axis is the samples'
@@ -182,7 +182,7 @@ def _fallback(equation: core.JaxprEqn, operands: list[BatchedValue], n: int) -> 
 
 
 def _if_mapped(rule: Rule) -> Rule:
-    """Leaves operations on operands that are the same for all samples to the fallback."""
+    """Returns the rule for mapped operands only; the fallback takes the others."""
 
     def guarded(
         equation: core.JaxprEqn, operands: list[BatchedValue], n: int

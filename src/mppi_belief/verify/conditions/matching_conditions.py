@@ -10,13 +10,8 @@ import jax
 import numpy as np
 from jax import Array
 
-from ...matching.weights import (
-    best_constant_weight,
-    best_weight,
-    matched_weight,
-    numerical_rank,
-    residual,
-)
+from ...matching.constant_weight import best_constant_weight
+from ...matching.weights import best_weight, matched_weight, numerical_rank, residual
 from ...problem import Problem
 from ...results.certificate import Check
 from ..bands import EPSILON, at_most, near, rounding

@@ -22,7 +22,8 @@ from jax import Array
 
 from ...belief.prior import prior
 from ...belief.schedule import gain_schedule
-from ...matching.weights import ConstantWeight, best_constant_weight, best_weight, residual
+from ...matching.constant_weight import ConstantWeight, best_constant_weight
+from ...matching.weights import best_weight, residual
 from ..compilation import quick_jit
 from ..solvers.weight_optimality import SEARCH_GAP, residuals_of_weights
 from .section_vii import (

@@ -13,7 +13,8 @@ import numpy as np
 from jax import Array
 from scipy.linalg import eigh
 
-from ...matching.weights import best_constant_weight, residual
+from ...matching.constant_weight import best_constant_weight
+from ...matching.weights import residual
 from ...results.certificate import Check
 from ..bands import EPSILON, at_least, at_most, near
 from ..compilation import quick_jit
