@@ -157,8 +157,10 @@ def test_help_of_run_names_every_group_option_and_key(mppi_belief_command, tmp_p
 
 def test_help_and_complaints_do_not_wait_for_what_is_slow_to_load(tmp_path):
     for args in (["--help"], ["run", "--help"], ["run", "theta=-1"]):
-        code = f"import sys; sys.argv = {['mppi-belief', *args]}; from mppi_belief.cli.main import main; main()\n"
-        slow = "[name for name in ('hydra', 'jax', 'matplotlib', 'numpy', 'pandas', 'pyarrow') if name in sys.modules]"
+        code = f"import sys; sys.argv = {['mppi-belief', *args]}\n"
+        code += "from mppi_belief.cli.main import main; main()\n"
+        modules = ("hydra", "jax", "matplotlib", "numpy", "pandas", "pyarrow")
+        slow = f"[name for name in {modules} if name in sys.modules]"
         loaded = python(f"{code}print('loaded', {slow})", tmp_path)
         assert loaded.splitlines()[-1] == f"loaded {['hydra'] if 'run' in args else []}"
 

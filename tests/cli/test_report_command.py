@@ -1,4 +1,4 @@
-"""`mppi-belief report`: from the files of a run to a page, whatever is missing, broken or not ours."""
+"""`mppi-belief report`: from the files of a run to a page, whatever is missing or broken."""
 
 import copy
 import os

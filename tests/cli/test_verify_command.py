@@ -238,8 +238,8 @@ def test_the_report_shows_certificates_and_says_which_are_missing(tmp_path, caps
     said = report(tmp_path, capsys)
     assert said.code == 3
     assert (
-        f"missing: {len(CERTIFICATE_NAMES) - 4} of {len(CERTIFICATE_NAMES)} certificates; mppi-belief verify"
-        in said.out
+        f"missing: {len(CERTIFICATE_NAMES) - 4} of {len(CERTIFICATE_NAMES)} certificates; "
+        "mppi-belief verify" in said.out
     )
     page = (tmp_path / "outputs" / "report" / "index.html").read_text()
     assert "Statement of affine_observations" in page

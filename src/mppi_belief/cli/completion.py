@@ -95,7 +95,7 @@ def _names(request: Request, group_names: Sequence[str], begun: str) -> list[str
 
 
 def _composed(request: Request) -> dict[str, Any]:
-    """Returns the configuration of a request, or the default one where it cannot be composed yet."""
+    """Returns the configuration of a request, or the default one if it cannot be composed."""
     try:
         config = first_job(request).config
     except ConfigError:

@@ -1,9 +1,8 @@
-"""The parser of a command: options are declared once; messages, help and tab completion derive from
-them.
-"""
+"""The parser of a command: messages, help and tab completion derive from its options."""
 
 import argparse
 import shutil
+import textwrap
 from collections.abc import Sequence
 from typing import Any
 
@@ -16,7 +15,7 @@ OVERRIDE_SIGNS = ("+", "~")  # +KEY=VALUE adds a key, ~KEY removes one
 
 
 class CommandParser(argparse.ArgumentParser):
-    """Parses the words of one command. Options may stand anywhere; a mistake raises `ConfigError`."""
+    """Parses the words of one command. Options may stand anywhere; a mistake is a `ConfigError`."""
 
     def __init__(self, name: str, usage: str, description: str, epilog: str = "") -> None:
         super().__init__(
@@ -129,6 +128,12 @@ def request_before(parser: CommandParser, before: Sequence[str]) -> Request:
         config_dirs=tuple(namespace.config_dir),
         multirun=namespace.multirun,
     )
+
+
+def wrapped(names: Sequence[str]) -> str:
+    """Returns names as indented lines of a help text."""
+    text = ", ".join(names)
+    return textwrap.fill(text, WIDTH - 10, initial_indent="  ", subsequent_indent="  ")
 
 
 def is_override(word: str) -> bool:

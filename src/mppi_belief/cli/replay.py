@@ -1,6 +1,4 @@
-"""`mppi-belief replay CELL TRIAL`: runs a trial again and compares it bit for bit with what was
-kept of it.
-"""
+"""`mppi-belief replay CELL TRIAL`: runs a trial again and compares it with what was kept."""
 
 from collections.abc import Sequence
 
@@ -9,6 +7,11 @@ from . import exit_codes
 from .parser import CommandParser
 from .results_request import ResultsRequest, matching_cells, read_request
 
+DESCRIPTION = """\
+Runs one trial of a cell again, from the configuration that its row was made with, compares all that
+is kept of it bit for bit, and draws it into the cell's folder. CELL is the beginning of a cell's
+id, or the path of its folder. A controller or system of your own is looked for in --config-dir, and
+nowhere else."""
 SUMMARY = "run one trial again and compare"
 
 
@@ -17,12 +20,7 @@ def parser() -> CommandParser:
     command = CommandParser(
         "replay",
         usage="mppi-belief replay CELL TRIAL [results_dir=DIR] [--config-dir DIR] [--force]",
-        description=(
-            "Runs one trial of a cell again, from the configuration that its row was made with, compares\n"
-            "everything that is kept of it bit for bit, and draws it into the cell's folder. CELL is the\n"
-            "beginning of a cell's id, or the path of its folder. A controller or system of your own is\n"
-            "looked for in --config-dir, and nowhere else."
-        ),
+        description=DESCRIPTION,
     )
     command.add_argument(
         *("--config-dir", "-cd"),
@@ -34,7 +32,7 @@ def parser() -> CommandParser:
     command.add_argument(
         "--force",
         action="store_true",
-        help="run a trial again that ended its process (crashed) or did not end (timeout): in this process",
+        help="run, in this process, also a trial that crashed or did not end (timeout)",
     )
     return command
 

@@ -42,7 +42,7 @@ class StoredTrial(NamedTuple):
 
 
 def replay_trial(request: ResultsRequest, command: list[str]) -> int:
-    """Run the trial that a request names, compare, print what differs, draw; returns the exit code."""
+    """Run the trial of a request, compare, print what differs, draw; returns the exit code."""
     cell, word = request.words
     stored = _stored_trial(read_cell(choose_cell(request.root, cell)), word)
     if stored.row["status"] in UNFINISHED and not request.options.force:
@@ -60,7 +60,7 @@ def replay_trial(request: ResultsRequest, command: list[str]) -> int:
 
 
 def changes_since(then: dict[str, Any], now: dict[str, Any]) -> list[str]:
-    """Returns what has changed between two runs of all that may change the last digits of a trial."""
+    """Returns what has changed since a run of all that may change a trial's last digits."""
     versions_then = then.get("versions") or {}
     code_then = (then.get("config") or {}).get("code") or {}
     threads_then = then.get("threads") or {}

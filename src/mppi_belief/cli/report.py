@@ -1,6 +1,4 @@
-"""`mppi-belief report`: shows what the results of studies say, as tables, figures and a page; runs
-nothing.
-"""
+"""`mppi-belief report`: shows the results of studies as tables, figures and a page."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -8,26 +6,26 @@ from pathlib import Path
 
 from ..config.request import Request
 from . import exit_codes
-from .parser import CommandParser, configuration_parser, request_before, request_of
+from .parser import CommandParser, configuration_parser, request_before, request_of, wrapped
 
+DESCRIPTION = """\
+Reads what `mppi-belief run experiment=NAME` has left in results_dir, runs nothing, and writes
+tables (LaTeX, Markdown, CSV), figures (PNG, PDF) and a page (index.html) into report_dir. Settings
+KEY=VALUE are those of `run`: give the same ones."""
 SUMMARY = "tables, figures and a page from results"
 STUDY = "experiment="
 
 
 def parser(studies: Sequence[str] = ()) -> CommandParser:
-    """Returns the parser of this command; its help lists the studies that a report has by default."""
+    """Returns the parser of this command; its help lists the studies of a whole report."""
     return configuration_parser(
         "report",
         usage="mppi-belief report [experiment=NAME[,NAME...]] [KEY=VALUE ...] [OPTIONS]",
-        description=(
-            "Reads what `mppi-belief run experiment=NAME` has left in results_dir, runs nothing, and writes\n"
-            "tables (LaTeX, Markdown, CSV), figures (PNG, PDF) and a page (index.html) into report_dir.\n"
-            "Settings KEY=VALUE are those of `run`: give the same ones."
-        ),
+        description=DESCRIPTION,
         epilog=(
-            f"Without a name, a report has all of: {' '.join(studies)},\n"
+            f"Without a name, a report has all of:\n{wrapped(studies)}\n"
             "and the certificates that `mppi-belief verify` has left in verify_dir.\n"
-            "Where results are missing, the report has those that are there and says how to run the rest."
+            "Where results are missing, the report has the others and says how to run the rest."
         ),
     )
 

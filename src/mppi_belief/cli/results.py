@@ -1,6 +1,4 @@
-"""`mppi-belief results`: lists the cells of a results folder, shows, exports, compacts and checks
-them.
-"""
+"""`mppi-belief results`: lists the cells of a results folder; shows, exports, checks them."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -33,16 +31,17 @@ def parser() -> CommandParser:
     forms = [f"  {name:9} {form.usage:32} {form.meaning}" for name, form in SUBCOMMANDS.items()]
     command = CommandParser(
         "results",
-        usage="mppi-belief results [show|export|compact|verify] [CELL ...] [results_dir=DIR] [OPTIONS]",
+        usage="mppi-belief results [WORD] [CELL ...] [results_dir=DIR] [OPTIONS]",
         description="\n".join(
             [
-                "Lists the cells of a results folder: trials by status, settings, files, size, age, commit.",
-                "With another word it does more:",
+                "Lists the cells of a results folder: trials by status, settings, files, size,",
+                "age, commit. With one of these words it does something else:",
                 "",
                 *forms,
                 "",
-                "CELL is the beginning of a cell's id, or the path of its folder. Without CELL, all cells are meant;",
-                "export then leaves out those that are superseded. Compact may run beside a study that is running.",
+                "CELL is the beginning of a cell's id, or the path of its folder. Without CELL,",
+                "all cells are meant; export then leaves out those that are superseded. Compact",
+                "may run while a study is running.",
             ]
         ),
     )

@@ -1,6 +1,4 @@
-"""What `mppi-belief results` does with the cells of a results folder: list, show, export, compact,
-verify.
-"""
+"""Lists, shows, exports, compacts and verifies the cells of a results folder."""
 
 import sys
 from collections.abc import Callable, Sequence

@@ -19,13 +19,15 @@ if TYPE_CHECKING:
     from ..run.task import StudyOutcome
 
 SUMMARY = "run trials of a controller, or of a sweep"
+PURPOSE = "Runs Monte Carlo trials of a controller, or of a sweep over controllers and settings."
 EXAMPLES = """\
   mppi-belief run controller=belief theta=1
   mppi-belief run -m controller=belief,ce w_obs=100,500,2500
   mppi-belief run sweep=theta n_trials=50
   mppi-belief run experiment=table_1
 
-Trials that are done are kept: the same command again runs nothing, a larger n_trials adds the rest."""
+Trials that are done are kept: the same command again runs nothing, and a larger n_trials adds
+the rest."""
 
 
 def parser() -> CommandParser:
@@ -33,7 +35,7 @@ def parser() -> CommandParser:
     command = configuration_parser(
         "run",
         usage="mppi-belief run [KEY=VALUE ...] [-m] [OPTIONS]",
-        description=f"Runs Monte Carlo trials of a controller, or of a sweep over controllers and settings.\n\n{EXAMPLES}",
+        description=f"{PURPOSE}\n\n{EXAMPLES}",
     )
     command.add_argument(
         "--retry-failed",

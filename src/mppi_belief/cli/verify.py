@@ -1,6 +1,4 @@
-"""`mppi-belief verify`: computes certificates of the paper's statements, or says what holds for one
-system.
-"""
+"""`mppi-belief verify`: computes certificates of the paper, or says what holds for a system."""
 
 import contextlib
 import dataclasses
@@ -13,8 +11,25 @@ from typing import Any
 from ..config.request import Request, key_of
 from ..errors import ConfigError, unknown_key
 from . import exit_codes
-from .parser import CommandParser, configuration_parser, is_override, request_before, request_of
+from .parser import (
+    CommandParser,
+    configuration_parser,
+    is_override,
+    request_before,
+    request_of,
+    wrapped,
+)
 
+FIRST_FORM = """\
+The first form computes certificates of the paper's statements, each a few numbers with the bands
+they must lie in, and writes them with their figures into verify_dir. Without a name, it computes
+all of:"""
+SECOND_FORM = """\
+The second form says which statements hold for the system that KEY=VALUE describe (as for run),
+along the belief of its trial 0:
+
+  mppi-belief verify system=light_dark
+  mppi-belief verify --config-dir mine system=mine"""
 SUMMARY = "certificates of the paper's theorems"
 COMMON_KEYS = ("seed", "precision", "platform", "batch")  # settings that describe no system
 
@@ -27,15 +42,7 @@ def parser(names: Sequence[str] = ()) -> CommandParser:
             "mppi-belief verify [CERTIFICATE ...] [seed=N] [workers=N] [verify_dir=DIR]\n"
             "       mppi-belief verify KEY=VALUE ... [--config-dir DIR]"
         ),
-        description=(
-            "The first form computes certificates of the paper's statements, each a few numbers with the\n"
-            "bands they must lie in, and writes them with their figures into verify_dir. Without a name,\n"
-            f"it computes all of:\n{', '.join(names)}.\n\n"
-            "The second form says which statements hold for the system that KEY=VALUE describe (as for run),\n"
-            "along the belief of its trial 0:\n\n"
-            "  mppi-belief verify system=light_dark\n"
-            "  mppi-belief verify --config-dir mine system=mine"
-        ),
+        description=f"{FIRST_FORM}\n{wrapped(names)}\n\n{SECOND_FORM}",
     )
 
 

@@ -1,1 +1,1 @@
-"""Configurations: what may be set, how the command line becomes configurations, what they may name."""
+"""Configurations: what may be set and named, and how a command line becomes configurations."""

@@ -6,11 +6,11 @@
       | grids
     [Request]    one for each yaml file of a study
       | jobs
-    [Job]        one for each combination of the values that are swept (`sweep.py`), composed by Hydra
+    [Job]        one per combination of swept values (`sweep.py`), composed by Hydra
       | _configuration
-    [dict]       plain values, every `${...}` resolved, checked for types, ranges and spelling (`settings.py`)
+    [dict]       plain values, every `${...}` resolved, checked (`settings.py`)
       | _labels, fingerprints
-    [dict]       with `names` (the option of each group), `swept` (what was set), `code` (a user's own modules)
+    [dict]       with `names` (option of each group), `swept` (what was set), `code` (a user's own)
 
 `collect` does all of it, so a mistake in any cell is found before the first trial of any other.
 `Cell` (cell.py) gives each dict its identity.
@@ -275,7 +275,7 @@ def _scalar(config: dict[str, Any], key: str) -> Any:
 
 
 def _check_shared_settings(configs: Sequence[dict[str, Any]]) -> None:
-    """Raises `ConfigError` where settings differ between cells that one study has for all of them."""
+    """Raises `ConfigError` where a setting that all cells of a study share differs between them."""
     first = configs[0]
     for key in RUNTIME_KEYS:
         if any(config[key] != first[key] for config in configs):

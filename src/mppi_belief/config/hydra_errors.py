@@ -15,6 +15,7 @@ from omegaconf import OmegaConf
 from ..errors import ConfigError, first_line, unknown_key
 from .settings import Settings
 
+SEE = "see mppi-belief run --cfg job"
 TYPES = {"Float": "a number", "Integer": "a whole number", "Boolean": "true or false"}
 
 
@@ -58,7 +59,7 @@ def _unknown_key(match: re.Match[str], conf: Path) -> str:
     known = _known_keys(parent, conf)
     if key in known:
         group = parent.partition(".")[0]
-        return f"'{key}' is a key of another {group} than the one chosen; see mppi-belief run --cfg job"
+        return f"'{key}' is a key of another {group} than the one chosen; {SEE}"
     return unknown_key(key, known)
 
 

@@ -3,9 +3,9 @@
 conf/ is the only home of these numbers. Certificates and tests read them here instead of copying
 them:
 
-    reference("cost", "goal_obstacles")["bump_width"]             # 0.26
-    reference("system", "light_dark")["problem"]["prior_mean"]    # a system's file also holds the problem
-    reference_settings()["w_obs"]                                 # the top level of conf/config.yaml
+    reference("cost", "goal_obstacles")["bump_width"]    # 0.26
+    reference("system", "light_dark")["problem"]         # a system's file also holds the problem
+    reference_settings()["w_obs"]                        # the top level of conf/config.yaml
 """
 
 from pathlib import Path
@@ -36,7 +36,7 @@ def reference(group: str, option: str) -> dict[str, Any]:
 
 
 def reference_settings() -> dict[str, Any]:
-    """Returns the settings at the top level of conf/config.yaml (`theta`, `w_obs`, `planner`, ...)."""
+    """Returns the settings at the top level of conf/config.yaml: `theta`, `w_obs`, `planner`."""
     return _plain(OmegaConf.create(_top_level()))
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Request:
-    """Holds what a command line asks of the configurations, and the options of `run` and `verify`."""
+    """Holds the overrides and options of a command that composes configurations."""
 
     overrides: tuple[str, ...] = ()  # words KEY=VALUE, +KEY=VALUE and ~KEY, in their order
     config_dirs: tuple[str, ...] = ()  # folders of --config-dir: yaml files and Python modules
@@ -32,5 +32,5 @@ class Request:
 
 
 def key_of(override: str) -> str:
-    """Returns the key that an override sets, without the signs before it: `theta` of `++theta=1`."""
+    """Returns the key that an override sets, without its signs: `theta` of `++theta=1`."""
     return override.lstrip("+~").partition("=")[0]
