@@ -21,7 +21,7 @@ from experiment_helpers import compiled_quickly
 from helpers import float64
 from mppi_belief.belief.cost import running_moments
 from mppi_belief.config.cell import Cell
-from mppi_belief.config.compose import RUNTIME_KEYS
+from mppi_belief.config.settings import RUNTIME_KEYS
 from mppi_belief.problem import ClosedFormCost, Cost, System
 from mppi_belief.trial import CellParts, build, check, run_trials
 

@@ -8,7 +8,7 @@ from .run import signals
 
 
 def main() -> int:
-    """Entry point of the `mppi-belief` command; returns its exit code."""
+    """Runs the `mppi-belief` command; returns its exit code."""
     signals.block()
     from .cli.main import main as command  # after signals are blocked
 

@@ -7,7 +7,7 @@ import pytest
 from omegaconf import OmegaConf
 
 from cli_helpers import collect, compose
-from mppi_belief.config.hydra_errors import one_line
+from mppi_belief.config.hydra_errors import config_error_line
 from mppi_belief.errors import ConfigError
 
 OPTIONS = r"no such option, choose from .*"
@@ -97,5 +97,5 @@ def test_what_is_suggested_exists(key):
 
 
 def test_an_unforeseen_error_is_told_by_its_first_line_or_its_type():
-    assert one_line(RuntimeError("\n  first\nsecond"), Path()) == "first"
-    assert one_line(RuntimeError(), Path()) == "RuntimeError"
+    assert config_error_line(RuntimeError("\n  first\nsecond"), Path()) == "first"
+    assert config_error_line(RuntimeError(), Path()) == "RuntimeError"

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from mppi_belief.config.cell import batches, canonical
-from mppi_belief.config.settings import batch_size, check
+from mppi_belief.config.settings import batch_size, check_settings
 from mppi_belief.errors import ConfigError, plain_line, unknown_key
 
 
@@ -61,7 +61,7 @@ def settings(**changes: Any) -> dict[str, Any]:
 def test_what_is_in_range_passes_and_stays_as_it_is(key, value):
     given = settings(**{key: value})
     before = copy.deepcopy(given)
-    check(given)
+    check_settings(given)
     assert given == before
 
 
@@ -94,7 +94,7 @@ def test_what_is_in_range_passes_and_stays_as_it_is(key, value):
 )
 def test_what_is_out_of_range_is_refused_by_name_in_one_line(key, value, reason):
     with pytest.raises(ConfigError, match=rf"^{key}\b.*{reason}") as caught:
-        check(settings(**{key: value}))
+        check_settings(settings(**{key: value}))
     assert "\n" not in str(caught.value)
 
 
@@ -114,13 +114,13 @@ def test_what_is_out_of_range_is_refused_by_name_in_one_line(key, value, reason)
 )
 def test_a_number_that_is_not_finite_is_found_however_deep(number, group, wrap, path):
     with pytest.raises(ConfigError, match=f"^{path}.*finite"):
-        check(settings(**{group: wrap(number)}))
+        check_settings(settings(**{group: wrap(number)}))
 
 
 @pytest.mark.parametrize("key", ["foo", "thetta", "hydra", "names"])
 def test_unknown_keys_are_refused(key):
     with pytest.raises(ConfigError, match=f"unknown key '{key}'"):
-        check(settings(**{key: 1}))
+        check_settings(settings(**{key: 1}))
 
 
 def test_a_misspelt_key_gets_the_nearest_known_one():
@@ -173,7 +173,7 @@ def test_a_whole_number_is_the_same_however_it_is_written():
 @pytest.mark.parametrize("value", [b"x", {1: 2}, {"a": {None: 1}}, object(), 10**400, [{2.5: 1}]])
 def test_values_that_are_no_configuration_are_refused(value):
     with pytest.raises(ConfigError, match=r"^system"):
-        check(settings(system={"a": value} if not isinstance(value, dict) else value))
+        check_settings(settings(system={"a": value} if not isinstance(value, dict) else value))
 
 
 def test_a_complaint_is_one_line_that_a_terminal_can_print():

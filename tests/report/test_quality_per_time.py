@@ -12,8 +12,8 @@ from matplotlib.text import Annotation
 
 from cli_helpers import CONF, call, collect
 from mppi_belief.config.cell import Cell
-from mppi_belief.config.compose import grids
 from mppi_belief.config.request import Request
+from mppi_belief.config.studies import grids
 from mppi_belief.report import figures
 from mppi_belief.report.cell_results import CellResults
 from mppi_belief.report.sections import study_sections

@@ -30,7 +30,7 @@ complete -o nospace -o default -F _mppi_belief_completion mppi-belief
 """.lstrip()
 
 
-def complete(args: Sequence[str], commands: Mapping[str, Any]) -> int:
+def answer_completion(args: Sequence[str], commands: Mapping[str, Any]) -> int:
     """Carry out `mppi-belief -sc install=bash` or `query=bash`; returns the exit code.
 
     `commands` has the module of each command, as `main.COMMANDS` has.
@@ -75,10 +75,10 @@ def complete_setting(request: Request, last: str) -> list[str]:
         done, comma, begun = value.rpartition(",")  # of several options, the last is completed
         matching = [option for option in options.get(key, []) if option.startswith(begun)]
         return [f"{signs}{key}={done}{comma}{option}" for option in matching]
-    return [f"{signs}{name}" for name in _names(request, list(options), word)]
+    return [f"{signs}{name}" for name in _matching_keys(request, list(options), word)]
 
 
-def _names(request: Request, group_names: Sequence[str], begun: str) -> list[str]:
+def _matching_keys(request: Request, group_names: Sequence[str], begun: str) -> list[str]:
     """Returns the keys and groups that begin so: `theta=`, `planner.`, `controller.` and
     `controller=`.
     """

@@ -34,7 +34,7 @@ COMMANDS: dict[str, Any] = {
     "replay": replay,
 }
 COMPLETION = ("-sc", "--shell-completion")
-EXAMPLES = {
+EXAMPLE_OF = {
     "run": "mppi-belief run controller=belief theta=1",
     "report": "mppi-belief report experiment=table_1",
     "verify": "mppi-belief verify system=light_dark",
@@ -49,9 +49,9 @@ def main() -> int:
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="replace")  # Greek letters on a terminal that has none
     if any(arg in COMPLETION for arg in args):
-        from .completion import complete
+        from .completion import answer_completion
 
-        return guarded(lambda: complete(args, COMMANDS))
+        return guarded(lambda: answer_completion(args, COMMANDS))
     if not args or args[0] in ("-h", "--help"):
         return guarded(lambda: _print(overview()))
     if args[0] == "--version":
@@ -76,7 +76,7 @@ def overview() -> str:
     """Returns what `mppi-belief --help` prints."""
     lines = ["usage: mppi-belief COMMAND [ARGS]", ""]
     for name, command in COMMANDS.items():
-        lines.append(f"  {name:10}{command.SUMMARY:46}{EXAMPLES[name]}")
+        lines.append(f"  {name:10}{command.SUMMARY:46}{EXAMPLE_OF[name]}")
     lines += [
         "",
         "  mppi-belief COMMAND --help   print arguments, options and exit codes of a command",

@@ -34,7 +34,7 @@ class CommandParser(argparse.ArgumentParser):
 
     @property
     def options(self) -> list[str]:
-        """The spellings of all options."""
+        """Returns the spellings of all options."""
         return [spelling for action in self._actions for spelling in action.option_strings]
 
     def read(self, args: Sequence[str]) -> argparse.Namespace:

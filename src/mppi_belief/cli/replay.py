@@ -7,7 +7,7 @@ from . import exit_codes
 from .parser import CommandParser
 from .results_request import ResultsRequest, matching_cells, read_request
 
-DESCRIPTION = """\
+REPLAY_DESCRIPTION = """\
 Runs one trial of a cell again, from the configuration that its row was made with, compares all that
 is kept of it bit for bit, and draws it into the cell's folder. CELL is the beginning of a cell's
 id, or the path of its folder. A controller or system of your own is looked for in --config-dir, and
@@ -20,7 +20,7 @@ def parser() -> CommandParser:
     command = CommandParser(
         "replay",
         usage="mppi-belief replay CELL TRIAL [results_dir=DIR] [--config-dir DIR] [--force]",
-        description=DESCRIPTION,
+        description=REPLAY_DESCRIPTION,
     )
     command.add_argument(
         *("--config-dir", "-cd"),

@@ -36,7 +36,7 @@ class StoredTrial(NamedTuple):
 
     @property
     def config(self) -> dict[str, Any]:
-        """The configuration that its row was made with; empty where there is none."""
+        """Returns the configuration that its row was made with; empty where there is none."""
         config = self.source.get("config")
         return config if isinstance(config, dict) else {}
 
@@ -130,18 +130,18 @@ def _run_and_compare(stored: StoredTrial, source_now: dict[str, Any]) -> int:
 
     # The comparison.
     batch = rerun(config, stored.trial)
-    found = differences(row, batch.rows[0], stored.path, batch.paths, config["precision"])
-    for difference in found:
-        print(_in_words(difference, config["precision"]))
+    deviations = differences(row, batch.rows[0], stored.path, batch.paths, config["precision"])
+    for difference in deviations:
+        print(_difference_line(difference, config["precision"]))
     steps = f"{len(stored.path)} steps of its path" if stored.path else "no path was kept"
-    verdict = "NOT reproduced" if found else "reproduced bit for bit"
+    verdict = "NOT reproduced" if deviations else "reproduced bit for bit"
     print(f"{verdict}: {len(row)} values of its row, {steps}")
     sys.stdout.flush()
     _draw(stored, batch)
-    return exit_codes.INCOMPLETE if found else exit_codes.DONE
+    return exit_codes.INCOMPLETE if deviations else exit_codes.DONE
 
 
-def _in_words(difference: Any, precision: str) -> str:
+def _difference_line(difference: Any, precision: str) -> str:
     """Returns a difference as a line: what, where, then and now, and how far apart."""
     where = ""
     if difference.location:

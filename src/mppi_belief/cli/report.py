@@ -8,7 +8,7 @@ from ..config.request import Request
 from . import exit_codes
 from .parser import CommandParser, configuration_parser, request_before, request_of, wrapped
 
-DESCRIPTION = """\
+REPORT_DESCRIPTION = """\
 Reads what `mppi-belief run experiment=NAME` has left in results_dir, runs nothing, and writes
 tables (LaTeX, Markdown, CSV), figures (PNG, PDF) and a page (index.html) into report_dir. Settings
 KEY=VALUE are those of `run`: give the same ones."""
@@ -21,7 +21,7 @@ def parser(studies: Sequence[str] = ()) -> CommandParser:
     return configuration_parser(
         "report",
         usage="mppi-belief report [experiment=NAME[,NAME...]] [KEY=VALUE ...] [OPTIONS]",
-        description=DESCRIPTION,
+        description=REPORT_DESCRIPTION,
         epilog=(
             f"Without a name, a report has all of:\n{wrapped(studies)}\n"
             "and the certificates that `mppi-belief verify` has left in verify_dir.\n"

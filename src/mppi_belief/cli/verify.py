@@ -93,7 +93,7 @@ def _system_settings(request: Request, config: dict[str, Any]) -> list[str]:
     """Returns the overrides that describe a system. Raises `ConfigError` where they do not go with
     the rest.
     """
-    from ..config.compose import RUNTIME_KEYS
+    from ..config.settings import RUNTIME_KEYS
 
     if config["platform"] != "cpu":
         raise ConfigError(f"platform={config['platform']}: verify computes on the CPU")

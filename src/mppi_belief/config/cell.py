@@ -36,7 +36,7 @@ class Cell(NamedTuple):
 
     @property
     def id(self) -> str:
-        """The controller and a hash of all that makes the numbers of a trial; the same whoever runs
+        """Returns the controller and a hash of all that makes the numbers of a trial; the same whoever runs
         it.
         """
         identity = canonical(

@@ -19,7 +19,7 @@ SEE = "see mppi-belief run --cfg job"
 TYPES = {"Float": "a number", "Integer": "a whole number", "Boolean": "true or false"}
 
 
-def one_line(error: BaseException, conf: Path) -> str:
+def config_error_line(error: BaseException, conf: Path) -> str:
     """Returns what is wrong, in one line; `conf` is the folder with the config groups."""
     causes = list(_causes(error))
     for cause in causes:
@@ -32,7 +32,7 @@ def one_line(error: BaseException, conf: Path) -> str:
         if isinstance(cause, yaml.MarkedYAMLError):
             return _yaml_line(cause)
     text = "\n".join(map(str, causes))  # the messages of all, outermost first
-    for pattern, describe in _RULES:
+    for pattern, describe in _MESSAGES:
         match = re.search(pattern, text, re.DOTALL)
         if match:
             return describe(match, conf)
@@ -100,7 +100,7 @@ def _error_in_file(match: re.Match[str], conf: Path) -> str:
     return f"{match['file']}.yaml: {match['why'].strip()}"
 
 
-_RULES: list[tuple[str, Callable[[re.Match[str], Path], str]]] = [
+_MESSAGES: list[tuple[str, Callable[[re.Match[str], Path], str]]] = [
     (
         r"Could not find '(?P<choice>[^']+)'\s+Available options in '[^']+':"
         r"\s+(?P<options>[^\n]+(?:\n\t[^\n]+)*)",

@@ -24,7 +24,7 @@ class Request:
 
     @property
     def words(self) -> list[str]:
-        """The words that ask `run` for the same configurations."""
+        """Returns the words that ask `run` for the same configurations."""
         words = list(self.overrides)
         for folder in self.config_dirs:
             words += ["--config-dir", folder]

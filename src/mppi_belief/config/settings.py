@@ -1,6 +1,6 @@
 """The settings of a command: types and ranges of the top level of a configuration.
 
-OmegaConf checks the types while it composes, `check` the ranges afterwards. Groups (system, cost,
+OmegaConf checks the types while it composes, `check_settings` the ranges afterwards. Groups (system, cost,
 ...) are checked where their objects are built. Imports no JAX, so that a wrong setting is reported
 before anything slow is loaded.
 """
@@ -14,9 +14,21 @@ from omegaconf import MISSING
 from ..errors import ConfigError, unknown_key
 from ..fields import Choice, Number, WholeNumber, checked, ruled, rules
 
+# Settings that do not change what a trial is.
+RUNTIME_KEYS = (
+    "n_trials",
+    "workers",
+    "results_dir",
+    "report_dir",
+    "verify_dir",
+    "record",
+    "executor",
+    "shard",
+    "trial_timeout",
+)
 DEFAULT_BATCH = {"cpu": 1, "gpu": 200}  # trials; a GPU advances the 200 trials of Sec. VII together
 MOST_TRIALS = 10**7
-LARGEST = 10**300  # of a whole number; larger ones are no float
+LARGEST_WHOLE_NUMBER = 10**300  # of a whole number; larger ones are no float
 
 
 @dataclass(frozen=True)
@@ -32,7 +44,7 @@ class FolderName:
 
 @dataclass
 class Planner:
-    """What all sampling planners share; the ranges are those of the planners' own fields."""
+    """Holds what all sampling planners share; the ranges are those of the planners' own fields."""
 
     n_samples: int = MISSING
     horizon: int = MISSING
@@ -42,7 +54,7 @@ class Planner:
 
 @dataclass
 class Settings:
-    """The top level of conf/config.yaml, which says what each setting means and its default."""
+    """Holds the top level of conf/config.yaml, which says what each setting means and its default."""
 
     theta: float = ruled(Number(ge=0), MISSING)
     w_obs: float = ruled(Number(ge=0), MISSING)
@@ -72,7 +84,7 @@ def batch_size(config: dict[str, Any]) -> int | None:
     return config["batch"] if config["batch"] is not None else DEFAULT_BATCH.get(config["platform"])
 
 
-def check(config: dict[str, Any]) -> None:
+def check_settings(config: dict[str, Any]) -> None:
     """Raises `ConfigError` for an unknown key, a setting out of range, or a value that no setting
     can have.
     """
@@ -83,7 +95,7 @@ def check(config: dict[str, Any]) -> None:
             checked(name, config[name], rule)
         except ValueError as error:
             raise ConfigError(str(error)) from None
-    _check_values(config, "")
+    _check_plain_values(config, "")
 
 
 def _check_keys(node: Any, known: list[str], prefix: str = "") -> None:
@@ -94,7 +106,7 @@ def _check_keys(node: Any, known: list[str], prefix: str = "") -> None:
             raise ConfigError(unknown_key(f"{prefix}{key}", names))
 
 
-def _check_values(node: Any, path: str) -> None:
+def _check_plain_values(node: Any, path: str) -> None:
     """Raises `ConfigError` for a value that is no text, true or false, null or finite number.
 
     A yaml file can also hold bytes, dates and paths.
@@ -103,12 +115,12 @@ def _check_values(node: Any, path: str) -> None:
         for key, value in node.items():
             if not isinstance(key, str):
                 raise ConfigError(f"{path}: a key must be a word, got {key!r}")
-            _check_values(value, f"{path}.{key}" if path else key)
+            _check_plain_values(value, f"{path}.{key}" if path else key)
     elif isinstance(node, list):
         for value in node:
-            _check_values(value, path)
-    elif isinstance(node, int) and abs(node) > LARGEST:
-        raise ConfigError(f"{path} must be at most {LARGEST:g}")
+            _check_plain_values(value, path)
+    elif isinstance(node, int) and abs(node) > LARGEST_WHOLE_NUMBER:
+        raise ConfigError(f"{path} must be at most {LARGEST_WHOLE_NUMBER:g}")
     elif isinstance(node, float) and not math.isfinite(node):
         raise ConfigError(f"{path} must be finite, got {node}")
     elif not isinstance(node, bool | int | float | str | None):

@@ -40,7 +40,7 @@ def choices_of(
     choices: dict[str, SweptChoice] = {}
     for override in parser.parse_overrides([*words, *overrides]):
         line = str(override.input_line)
-        values = _values(override) if override.is_sweep_override() else [line]
+        values = _swept_overrides(override) if override.is_sweep_override() else [line]
         choices[override.get_key_element()] = SweptChoice(line, values)
     return list(choices.values())
 
@@ -59,7 +59,7 @@ def product(choices: Sequence[SweptChoice]) -> Iterator[list[str]]:
     return map(list, itertools.product(*(choice.overrides for choice in choices)))
 
 
-def _values(override: Any) -> list[str]:
+def _swept_overrides(override: Any) -> list[str]:
     """Returns the overrides that the values of a swept key make."""
     line = override.input_line
     if override.is_hydra_override():

@@ -15,7 +15,7 @@ from typing import Any
 from ..errors import ConfigError
 
 PACKAGE = __name__.partition(".")[0]
-RULE = f"must name a class of {PACKAGE} or of a module in a --config-dir folder"
+ALLOWED_TARGETS = f"must name a class of {PACKAGE} or of a module in a --config-dir folder"
 ALLOWED_FOLDERS: list[str] = []
 
 
@@ -77,7 +77,7 @@ def _module_and_class(name: Any, path: str) -> tuple[str, str]:
     """Returns the module and the class of a name like `mine.Mine`. Raises `ConfigError`."""
     words = name.split(".") if isinstance(name, str) else []
     if len(words) < 2 or not all(word.isidentifier() for word in words):
-        raise ConfigError(f"{path}._target_={name}: {RULE}")
+        raise ConfigError(f"{path}._target_={name}: {ALLOWED_TARGETS}")
     return ".".join(words[:-1]), words[-1]
 
 
@@ -88,7 +88,7 @@ def _find_module(top: str, folders: Sequence[str], setting: str) -> ModuleSpec:
     invalidate_caches()  # the folder may have changed within the clock's resolution
     spec = PathFinder.find_spec(top, list(folders)) if folders else None
     if spec is None:
-        raise ConfigError(f"{setting}: {RULE}")
+        raise ConfigError(f"{setting}: {ALLOWED_TARGETS}")
     loaded = getattr(sys.modules.get(top), "__spec__", None)
     if top in sys.stdlib_module_names or (loaded and loaded.origin != spec.origin):
         raise ConfigError(

@@ -25,7 +25,7 @@ GRACE = 10.0  # s that a command has to end after a signal
 
 
 class StoppedAtOnce(Exception):
-    """A second signal came."""
+    """Says that a second signal came."""
 
 
 class StopRequest:
