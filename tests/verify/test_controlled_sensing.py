@@ -11,6 +11,7 @@ from mppi_belief.verify.scenarios import sensing_systems as systems
 from mppi_belief.verify.scenarios import steered_loops as sl
 from mppi_belief.verify.scenarios import steered_platform as platform
 from mppi_belief.verify.scenarios.limited_sensors import limited_sensor_results
+from mppi_belief.verify.scenarios.steered_checks import loop_checks
 
 pytestmark = pytest.mark.long
 
@@ -133,7 +134,7 @@ def test_loops_that_cost_otherwise_are_seen():
 
     def verdicts(excess: np.ndarray, limited: np.ndarray, excess_cost: float = 0.0) -> list[bool]:
         held = [run.form for run in runs(limited)]
-        return holds(sl.loop_checks(runs(excess, excess_cost), held, expected, best))
+        return holds(loop_checks(runs(excess, excess_cost), held, expected, best))
 
     stays = right + 0.1
     assert verdicts(right, stays) == [True] * 5

@@ -16,7 +16,6 @@ from ...problem import Problem
 from ...results.certificate import Certificate, Check
 from ..bands import largest_z, order, rounding
 from ..compilation import quick_jit
-from ..scenarios import steered_loops
 from ..scenarios.limited_sensors import limited_sensor_results
 from ..scenarios.matched_paths import sampled_costs
 from ..scenarios.matched_scalar import SteadySchedule
@@ -35,6 +34,7 @@ from ..scenarios.sensing_systems import (
     rounding_scale,
     sensing_schedule,
 )
+from ..scenarios.steered_checks import platform_results
 
 COARSENINGS = (4, 2, 1)  # steps put together, from which orders are observed
 PSI_KEYS = 40
@@ -60,7 +60,7 @@ def certify(seed: int = 0) -> Certificate:
     schedules = [sensing_schedule(random_sensing_problem(rng, *size)) for size in SYSTEM_SIZES]
     largest = schedules[-1]
     limit_checks, limit_panel = limited_sensor_results(largest, rng)
-    loop_checks, loop_panel = steered_loops.platform_results(seed)
+    loop_checks, loop_panel = platform_results(seed)
     checks = [
         *matched_schedule_checks(schedules),
         *limit_checks,
