@@ -23,9 +23,19 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import Array
 from jax.extend import core
 
+from .component_table import (
+    Table,
+    add_components,
+    build_table,
+    constant_table,
+    is_known,
+    join_table,
+    multiply_components,
+    subtract_components,
+    table_of,
+)
 from .jaxpr_interpreter import (
     ELEMENTWISE,
     Rule,
@@ -40,7 +50,6 @@ from .jaxpr_interpreter import (
 from .vmap_last import vmap_last
 
 LARGEST_TABLE = 36  # components of an argument; programs of more single components compile too long
-Table = np.ndarray  # of objects, the components of one value
 
 
 def vmap_scalarized(function: Callable[..., Any], mapped: Sequence[bool]) -> Callable[..., Any]:
@@ -56,11 +65,11 @@ def vmap_scalarized(function: Callable[..., Any], mapped: Sequence[bool]) -> Cal
         if max(np.prod(shape, dtype=int) for shape in shapes) > LARGEST_TABLE:
             return vmap_last(function, mapped)(*arrays)
         traced = trace_sample(function, arrays, mapped)
-        inputs = [_table(array, shape) for array, shape in zip(arrays, shapes, strict=True)]
+        inputs = [table_of(array, shape) for array, shape in zip(arrays, shapes, strict=True)]
         tables = interpret(traced.closed_jaxpr, inputs, _COMPONENTS, traced.samples)
         leaves, structure = jax.tree.flatten(traced.outputs)
         joined = [
-            _join(table, leaf.dtype, traced.samples)
+            join_table(table, leaf.dtype, traced.samples)
             for table, leaf in zip(tables, leaves, strict=True)
         ]
         return jax.tree.unflatten(structure, joined)
@@ -68,74 +77,15 @@ def vmap_scalarized(function: Callable[..., Any], mapped: Sequence[bool]) -> Cal
     return mapping
 
 
-# Tables of components.
-
-
-def _table(array: Any, shape: tuple[int, ...]) -> Table:
-    """Returns the components of an array whose first axes have this shape."""
-    return _build(shape, lambda index: array[index])
-
-
-def _build(shape: tuple[int, ...], component: Callable[[tuple[int, ...]], Any]) -> Table:
-    """Returns the table with `component(index)` at every index."""
-    table = np.empty(shape, object)
-    for index in np.ndindex(*shape):
-        table[index] = component(index)
-    return table
-
-
-def _join(table: Table, dtype: Any, n: int) -> Array:
-    """Returns the array (..., N) of a table."""
-    components = table.reshape(-1)
-    if not len(components):
-        return jnp.zeros((*table.shape, n), dtype)
-    vectors = [jnp.broadcast_to(jnp.asarray(x, dtype), (n,)) for x in components]
-    return jnp.stack(vectors).reshape(*table.shape, n)
-
-
-def _constant(array: Any) -> Table:
-    """Represents an array that all samples share, by known numbers unless it is traced."""
-    values = array if isinstance(array, jax.core.Tracer) else np.asarray(array)
-    return _table(values, values.shape)
-
-
-def _is_known(x: Any) -> bool:
-    """Says whether a component is a number known while tracing."""
-    return not isinstance(x, Array)
-
-
-# Arithmetic on single components.
-
-
-def _add(a: Any, b: Any) -> Any:
-    if _is_known(a) and a == 0:
-        return b
-    return a if _is_known(b) and b == 0 else a + b
-
-
-def _subtract(a: Any, b: Any) -> Any:
-    if _is_known(a) and a == 0:
-        return -b
-    return a if _is_known(b) and b == 0 else a - b
-
-
-def _multiply(a: Any, b: Any) -> Any:
-    if _is_known(b):
-        a, b = b, a
-    if _is_known(a) and not _is_known(b) and a in (0, 1):
-        return b if a == 1 else a
-    return a * b
-
-
 def _bind_component(equation: core.JaxprEqn, *components: Any) -> Any:
     """Carries out an operation on one component of each operand.
 
     The result of known components is known.
     """
-    if equation.primitive.name == "select_n" and _is_known(components[0]):
+    if equation.primitive.name == "select_n" and is_known(components[0]):
         return components[1 + int(components[0])]
     types = [aval(variable).dtype for variable in equation.invars]
-    if all(map(_is_known, components)):
+    if all(map(is_known, components)):
         with jax.ensure_compile_time_eval():
             numbers = [jnp.asarray(x, dtype) for x, dtype in zip(components, types, strict=True)]
             return np.asarray(equation.primitive.bind(*numbers, **equation.params))[()]
@@ -153,7 +103,9 @@ def _bind_component(equation: core.JaxprEqn, *components: Any) -> Any:
 def _for_each(operation: Callable[..., Any], tables: Sequence[Table]) -> Table:
     """Returns the table of `operation` on the components at every index."""
     spread = np.broadcast_arrays(*tables)
-    return _build(spread[0].shape, lambda index: operation(*(table[index] for table in spread)))
+    return build_table(
+        spread[0].shape, lambda index: operation(*(table[index] for table in spread))
+    )
 
 
 def _arithmetic(operation: Callable[[Any, Any], Any]) -> Rule:
@@ -175,10 +127,13 @@ def _product(equation: core.JaxprEqn, tables: list[Table], n: int) -> list[Table
     rows = A.ndim - k
 
     def entry(index: tuple[int, ...]) -> Any:
-        terms = (_multiply(A[i + index[:rows]], B[i + index[rows:]]) for i in np.ndindex(*inner))
-        return functools.reduce(_add, terms)
+        terms = (
+            multiply_components(A[i + index[:rows]], B[i + index[rows:]])
+            for i in np.ndindex(*inner)
+        )
+        return functools.reduce(add_components, terms)
 
-    return [_build(A.shape[k:] + B.shape[k:], entry)]
+    return [build_table(A.shape[k:] + B.shape[k:], entry)]
 
 
 def _split(equation: core.JaxprEqn, tables: list[Table], n: int) -> list[Table]:
@@ -209,7 +164,7 @@ def _reduction(operation: Callable[[Any, Any], Any]) -> Rule:
         def entry(index: tuple[int, ...]) -> Any:
             return functools.reduce(operation, (x[i + index] for i in np.ndindex(*inner)))
 
-        return _build(x.shape[len(axes) :], entry)
+        return build_table(x.shape[len(axes) :], entry)
 
     return _moving(reduce)
 
@@ -227,7 +182,7 @@ def _broadcast_table(output: Any, params: dict[str, Any], x: Table) -> Table:
 
 
 def _pad_table(output: Any, params: dict[str, Any], x: Table, value: Table) -> Table:
-    padded = _build(output.shape, lambda index: value[()])
+    padded = build_table(output.shape, lambda index: value[()])
     spans = [
         slice(low, low + size * (interior + 1), interior + 1)
         for (low, _, interior), size in zip(params["padding_config"], x.shape, strict=True)
@@ -237,41 +192,41 @@ def _pad_table(output: Any, params: dict[str, Any], x: Table, value: Table) -> T
 
 
 def _iota(output: Any, params: dict[str, Any]) -> Table:
-    return _build(output.shape, lambda index: output.dtype.type(index[params["dimension"]]))
+    return build_table(output.shape, lambda index: output.dtype.type(index[params["dimension"]]))
 
 
 def _fallback_table(equation: core.JaxprEqn, tables: list[Table], n: int) -> list[Table]:
     """Carries the operation out by `jax.vmap`, on the arrays of the tables."""
     arrays = [
-        _join(table, aval(variable).dtype, n)
+        join_table(table, aval(variable).dtype, n)
         for table, variable in zip(tables, equation.invars, strict=True)
     ]
     results = vmap_operation(equation, arrays, [True] * len(arrays))
-    return [_table(array, array.shape[:-1]) for array in results]
+    return [table_of(array, array.shape[:-1]) for array in results]
 
 
 _TABLE_RULES: dict[str, Rule] = {
     **dict.fromkeys(ELEMENTWISE, _elementwise_table),
-    "add": _arithmetic(_add),
-    "add_any": _arithmetic(_add),
+    "add": _arithmetic(add_components),
+    "add_any": _arithmetic(add_components),
     "broadcast_in_dim": _moving(_broadcast_table),
     "concatenate": _moving(lambda out, params, *xs: np.concatenate(xs, params["dimension"])),
     "dot_general": _product,
     "iota": _moving(_iota),
-    "mul": _arithmetic(_multiply),
+    "mul": _arithmetic(multiply_components),
     "pad": _moving(_pad_table),
     "reduce_max": _reduction(jnp.maximum),
     "reduce_min": _reduction(jnp.minimum),
-    "reduce_sum": _reduction(_add),
+    "reduce_sum": _reduction(add_components),
     "reshape": _moving(lambda out, params, x: x.reshape(out.shape)),
     "rev": _moving(lambda out, params, x: np.flip(x, params["dimensions"])),
     "slice": _moving(_slice_table),
     "split": _split,
     "squeeze": _moving(lambda out, params, x: x.reshape(out.shape)),
     "stack": _moving(lambda out, params, *xs: np.stack(xs, params.get("axis", 0))),
-    "sub": _arithmetic(_subtract),
+    "sub": _arithmetic(subtract_components),
     "transpose": _moving(lambda out, params, x: x.transpose(params["permutation"])),
 }
 _COMPONENTS: RuleTable[Table] = RuleTable(
-    constant=_constant, rules=_TABLE_RULES, fallback=_fallback_table
+    constant=constant_table, rules=_TABLE_RULES, fallback=_fallback_table
 )
