@@ -81,7 +81,7 @@ def test_a_file_that_cannot_grow(tmp_path, undisturbed):
 
 @pytest.mark.long
 def test_a_small_disk_that_is_full_and_then_larger(tmp_path, undisturbed):
-    """Where none may be mounted, files that cannot grow."""
+    """Uses files that cannot grow where no disk may be mounted."""
     run = Run(tmp_path)
     with mounted(run.root, "300k") as mount_anew:
         refused(run.again() if mount_anew else run.again(preexec_fn=small_files), run)
@@ -94,7 +94,7 @@ def test_a_small_disk_that_is_full_and_then_larger(tmp_path, undisturbed):
 
 @pytest.mark.long
 def test_a_disk_that_becomes_read_only_while_it_computes(tmp_path, undisturbed):
-    """Where none may be mounted, a folder in which nothing may be made."""
+    """Uses a folder without write permission where no disk may be mounted."""
     run = Run(tmp_path)
     with mounted(run.root, "100m") as mount_anew:
         gate = run.gate(40)

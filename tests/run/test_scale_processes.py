@@ -94,7 +94,7 @@ print(now - held, processes.peak_mb(os.getpid()) - now, block[0])
 
 
 def test_memory_is_that_of_the_process():
-    """Of a new one: in one that has run other tests an array may lie where something was."""
+    """Measures a new process: in a used one an array may lie where something else was."""
     benchmarks = str(Path(processes.__file__).parents[1])
     done = subprocess.run(
         [sys.executable, "-c", GROWING, benchmarks], capture_output=True, text=True, check=True

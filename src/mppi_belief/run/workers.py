@@ -10,7 +10,7 @@ class WorkerDied(Exception):
 
 
 class WorkersGone(Exception):
-    """Says that no worker is left and none can be started; the message is one line that says why."""
+    """Says that no worker is left and none can be started; its message is one line with the cause."""
 
 
 class Workers(Protocol):
