@@ -1,4 +1,6 @@
-"""The page on the architecture is true: its picture, its paths, and its walks on the import graph."""
+"""The page on the architecture is true: its picture, its paths, and its walks on the import
+graph.
+"""
 
 import re
 import sys

@@ -1,4 +1,6 @@
-"""The benchmark's protocol, its table, and that its work is the configuration's; nothing is timed."""
+"""The benchmark's protocol, its table, and that its work is the configuration's; nothing is
+timed.
+"""
 
 import io
 import json

@@ -1,4 +1,6 @@
-"""A few of the scenarios of `random_scenarios.py`, and what it found, one deterministic test each."""
+"""A few of the scenarios of `random_scenarios.py`, and what it found, one deterministic test
+each.
+"""
 
 import jax
 import jax.numpy as jnp

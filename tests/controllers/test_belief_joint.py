@@ -1,4 +1,6 @@
-"""MPPI-Belief with a covariance for every path: where it must be MPPI-Belief itself, and where it must not."""
+"""MPPI-Belief with a covariance for every path: where it must be MPPI-Belief itself, and where it
+must not.
+"""
 
 from dataclasses import replace
 
@@ -59,17 +61,21 @@ def test_in_the_light_and_the_dark_it_is_not(x64):
 
 def test_each_path_is_charged_for_the_belief_that_its_own_filter_would_have(x64):
     """Path by path with the filter itself, given the measurements that it expects."""
-    problem, theta = light_dark_problem(), THETA
+    problem = light_dark_problem()
+    theta = THETA
     controls = jax.random.normal(KEY, (6, 2, 2))
     costs, means = state_costs(problem, controls)
     for i in range(2):
-        at, total = prior(problem), 0.0
+        planned = prior(problem)
+        total = 0.0
         for k in range(6):
-            ahead = belief.predict(problem, at, controls[k, :, i])
-            at = belief.correct(problem, ahead, problem.system.c(ahead.mean)).posterior
-            np.testing.assert_allclose(means[k, :, i], at.mean, rtol=1e-12)
-            total += belief_cost.risk_sensitive(problem, at.mean, at.cov, theta) * problem.dt
-        total += belief_cost.expected_terminal(problem, at.mean, at.cov)
+            predicted = belief.predict(problem, planned, controls[k, :, i])
+            planned = belief.correct(problem, predicted, problem.system.c(predicted.mean)).posterior
+            np.testing.assert_allclose(means[k, :, i], planned.mean, rtol=1e-12)
+            total += (
+                belief_cost.risk_sensitive(problem, planned.mean, planned.cov, theta) * problem.dt
+            )
+        total += belief_cost.expected_terminal(problem, planned.mean, planned.cov)
         np.testing.assert_allclose(costs[i], total, rtol=1e-9)
 
 

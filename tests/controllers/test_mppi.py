@@ -144,10 +144,13 @@ def test_mirrored_samples_leave_a_symmetric_problem_alone(x64):
 
 @pytest.mark.parametrize("count", [24, 23])
 def test_blocks_of_samples_are_weighted_as_if_they_were_one(count, light_dark, x64, monkeypatch):
-    """Against all samples of the same keys put together, with and without surplus samples in the last block."""
+    """Against all samples of the same keys put together, with and without surplus samples in the
+    last block.
+    """
     monkeypatch.setattr(path_weights, "BLOCK", 10)
     controller = replace(SMALL, n_samples=count, sampler=mb.NominalSampler(control_std=1.0))
-    problem, plan = light_dark, jnp.full((6, 2), 0.3)
+    problem = light_dark
+    plan = jnp.full((6, 2), 0.3)
     u, _, info = quick_jit(controller.act)(
         problem, prior(problem), plan, KEY
     )  # not act_on: it knows another BLOCK
@@ -192,9 +195,9 @@ def test_innovation_samples_have_the_covariance_of_the_diffusion(light_dark, x64
 
 
 def test_the_same_key_gives_the_same_control_and_another_one_another(light_dark, x64):
-    first, again, other = (act(SMALL, light_dark, key=jax.random.key(k))[0] for k in (1, 1, 2))
+    first, again, different = (act(SMALL, light_dark, key=jax.random.key(k))[0] for k in (1, 1, 2))
     np.testing.assert_array_equal(first, again)
-    assert np.all(first != other)
+    assert np.all(first != different)
 
 
 @pytest.mark.parametrize(

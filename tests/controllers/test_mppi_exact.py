@@ -1,7 +1,8 @@
-"""The exactly matched case (Remark 2, Theorems 5 and 6): the controller against the optimal control.
+"""The exactly matched case (Remark 2, Theorems 5 and 6): the controller against the optimal
+control.
 
-Scalar system, filter at its steady state, D = lambda b^2 / R: with quadratic costs the expectation in
-(19) is a Gaussian integral, and as dt goes to 0 it becomes the feedback of the LQG problem.
+Scalar system, filter at its steady state, D = lambda b^2 / R: with quadratic costs the expectation
+in (19) is a Gaussian integral, and as dt goes to 0 it becomes the feedback of the LQG problem.
 """
 
 from functools import cache
@@ -17,7 +18,8 @@ import reference
 from helpers import SIGMAS, Scalar, assert_mean, quick_jit
 from mppi_belief.belief.prior import prior
 
-KEYS, SAMPLES = 200, 6000
+KEYS = 200
+SAMPLES = 6000
 INNOVATION = {"sampler": mb.InnovationSampler(), "schedule": mb.SharedCovariance("riccati")}
 MATCHED = {"sampler": mb.NominalSampler(antithetic=True)}
 PLAIN = {"sampler": mb.NominalSampler()}
@@ -35,7 +37,9 @@ def controls(problem: mb.Problem, planner: mb.MPPI, nominal: Array, keys: Array)
     )
 
 
-optimised, quick = jax.jit(controls), quick_jit(controls)  # much to compute, or little
+# much to compute, or little
+optimised = jax.jit(controls)
+quick = quick_jit(controls)
 
 
 def sample(s: Scalar, keys: int, horizon: int = 10, slope: float = 0.0, **options) -> np.ndarray:
@@ -108,12 +112,15 @@ def test_a_wrong_nominal_without_its_girsanov_term_would_show(scalar, x64):
 
 
 def test_bias_and_spread_fall_with_the_number_of_samples(scalar, x64):
-    """The spread as 1 / sqrt(N); the bias of a ratio of averages as 1 / N, seen at N = 10, a tenth at N = 100."""
+    """The spread as 1 / sqrt(N); the bias of a ratio of averages as 1 / N, seen at N = 10, a tenth
+    at N = 100.
+    """
     runs = [
         sample(scalar, keys, n_samples=n, **MATCHED)
         for n, keys in ((10, 2000), (100, 2000), (SAMPLES, KEYS))
     ]
-    biases, spreads = [u.mean() - exact(scalar) for u in runs], [u.std(ddof=1) for u in runs]
+    biases = [u.mean() - exact(scalar) for u in runs]
+    spreads = [u.std(ddof=1) for u in runs]
     errors = [spread / np.sqrt(len(u)) for spread, u in zip(spreads, runs, strict=True)]
     assert biases[0] > SIGMAS * errors[0]
     assert abs(biases[1]) < 0.1 * biases[0] + SIGMAS * np.hypot(errors[1], 0.1 * errors[0])
@@ -128,10 +135,12 @@ def test_the_exact_discrete_control_tends_to_lqg_at_first_order(scalar):
 
 
 def test_the_control_tends_to_lqg(scalar, x64):
-    """Richardson: the first-order error in dt taken off from two horizons, what remains is known exactly."""
+    """Richardson: the first-order error in dt taken off from two horizons, what remains is known
+    exactly.
+    """
     coarse, fine = (sample(scalar, KEYS, n_samples=SAMPLES, horizon=H, **MATCHED) for H in (10, 20))
-    found = 2 * fine.mean() - coarse.mean()
+    computed = 2 * fine.mean() - coarse.mean()
     error = np.hypot(2 * fine.std(), coarse.std()) / np.sqrt(KEYS)
     remainder = abs(2 * exact(scalar, 20) - exact(scalar, 10) - continuous(scalar))
     assert remainder < error
-    assert abs(found - continuous(scalar)) < SIGMAS * error + remainder
+    assert abs(computed - continuous(scalar)) < SIGMAS * error + remainder

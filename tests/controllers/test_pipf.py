@@ -11,7 +11,8 @@ from mppi_belief.belief.particles import ParticleBelief, weighted_particles
 
 KEY = jax.random.key(3)
 PLAN = 0.3 * jnp.ones((10, 2))
-STD, TEMPERATURE = 1.5, 2.0
+STD = 1.5
+TEMPERATURE = 2.0
 SHARED = {"horizon": 10, "temperature": TEMPERATURE, "sampler": mb.NominalSampler(STD)}
 COMBINATIONS = {"average": mb.AverageOfParticles(), "pooled": mb.PooledPaths()}
 
@@ -43,12 +44,12 @@ def test_one_certain_particle_gives_the_control_of_ce_mppi(combine, light_dark, 
 
 
 def increments_and_costs(problem: mb.Problem, belief: ParticleBelief, n_samples: int):
-    """Path costs (K, L) and first increments (K, L, nu), by a plain loop over the paths the controller draws."""
-    count, plan, R = (
-        belief.particles.shape[1] * n_samples,
-        np.asarray(PLAN),
-        np.asarray(problem.cost.R),
-    )
+    """Path costs (K, L) and first increments (K, L, nu), by a plain loop over the paths the
+    controller draws.
+    """
+    count = belief.particles.shape[1] * n_samples
+    plan = np.asarray(PLAN)
+    R = np.asarray(problem.cost.R)
     deltas = STD * np.asarray(jax.random.normal(KEY, (10, 2, count)))
     costs = np.zeros(count)
     for i in range(count):
@@ -74,10 +75,10 @@ def test_particles_are_combined_as_documented(combine, light_dark, x64):
     else:
         weights = posterior * likelihoods / np.sum(posterior * likelihoods)
     expected = np.asarray(PLAN[0]) + np.einsum("jl,jli->i", weights, deltas)
-    found = act(
+    computed = act(
         light_dark, mb.PIPF(n_samples=8, combination=COMBINATIONS[combine], **SHARED), belief
     )
-    np.testing.assert_allclose(found, expected, rtol=1e-9)
+    np.testing.assert_allclose(computed, expected, rtol=1e-9)
 
 
 def test_the_two_ways_to_combine_differ_where_particles_do(light_dark):

@@ -31,16 +31,23 @@ def costs(
 
 
 def expected_lqg_cost(s: Scalar, problem: mb.Problem) -> float:
-    """E[J] of the optimal feedback, by the value function: a textbook recursion of Riccati and Kalman, in NumPy."""
-    dt, F, B = problem.dt, 1 + s.a * problem.dt, s.b * problem.dt
-    Q_w, R_s = s.sigma_w**2 * dt, s.sigma_o**2 / dt
-    variances, corrections = [s.variance], []
+    """E[J] of the optimal feedback, by the value function: a textbook recursion of Riccati and
+    Kalman, in NumPy.
+    """
+    dt = problem.dt
+    F = 1 + s.a * problem.dt
+    B = s.b * problem.dt
+    Q_w = s.sigma_w**2 * dt
+    R_s = s.sigma_o**2 / dt
+    variances = [s.variance]
+    corrections = []
     for _ in range(STEPS):
         predicted = F**2 * variances[-1] + Q_w
         gain = predicted * s.c / (s.c**2 * predicted + R_s)
         corrections.append(gain * s.c * predicted)  # variance of the mean's jump
         variances.append(predicted - gain * s.c * predicted)
-    P, constant = s.q_T, 0.5 * s.q_T * variances[-1]
+    P = s.q_T
+    constant = 0.5 * s.q_T * variances[-1]
     for k in reversed(range(STEPS)):
         constant += 0.5 * P * corrections[k] + 0.5 * s.q * dt * variances[k]
         P = s.q * dt + F**2 * P - (F * P * B) ** 2 / (s.R * dt + B**2 * P)
@@ -55,17 +62,15 @@ def test_lqg_costs_what_the_value_function_says(scalar, x64):
 def test_ilqg_is_lqg_on_a_linear_quadratic_problem(scalar, x64):
     problem = scalar.problem(STEPS)
     receding = mb.LQG(horizon=12, at_step_end=True)
-    found = costs(problem, mb.EKFiLQG(horizon=12, tolerance=1e-12))
-    np.testing.assert_allclose(found, costs(problem, receding), rtol=1e-8)
+    computed = costs(problem, mb.EKFiLQG(horizon=12, tolerance=1e-12))
+    np.testing.assert_allclose(computed, costs(problem, receding), rtol=1e-8)
 
 
 @pytest.mark.parametrize("name", ["belief", "ce", "pipf"])
 def test_sampling_controllers_approach_lqg_as_samples_grow(name, scalar):
     problem = scalar.problem(STEPS)
-    shared, optimal = (
-        {"horizon": STEPS, "temperature": scalar.temperature},
-        costs(problem, mb.LQG()),
-    )
+    shared = {"horizon": STEPS, "temperature": scalar.temperature}
+    optimal = costs(problem, mb.LQG())
 
     def excess(n_samples: int) -> np.ndarray:
         if name == "pipf":
@@ -76,7 +81,8 @@ def test_sampling_controllers_approach_lqg_as_samples_grow(name, scalar):
         planner = mb.MPPI(n_samples, path_cost=kind(at_step_end=False), **shared)
         return costs(problem, planner) - optimal
 
-    few, many = excess(40), excess(4000)
+    few = excess(40)
+    many = excess(4000)
     lqg = expected_lqg_cost(scalar, problem)
     error = many.std(ddof=1) / np.sqrt(len(many))
     # paired by trial: within 3 % of the optimum, the interval's upper end counted in
@@ -87,22 +93,24 @@ def test_sampling_controllers_approach_lqg_as_samples_grow(name, scalar):
 
 
 def test_an_oracle_is_told_the_true_state_for_certain():
-    x, belief = jnp.array([1.0, 2.0]), mb.Belief(jnp.zeros(2), jnp.eye(2))
-    told = controller_belief(mb.OracleMPPI(), belief, x)
-    np.testing.assert_array_equal(told.mean, x)
-    assert not told.cov.any()
+    x = jnp.array([1.0, 2.0])
+    belief = mb.Belief(jnp.zeros(2), jnp.eye(2))
+    given = controller_belief(mb.OracleMPPI(), belief, x)
+    np.testing.assert_array_equal(given.mean, x)
+    assert not given.cov.any()
     assert controller_belief(mb.MPPI(), belief, x) is belief
 
 
 def test_seeing_the_state_is_worth_something():
-    problem, hundred = light_dark_problem(), TRIALS[:100]
+    problem = light_dark_problem()
+    hundred = TRIALS[:100]
     settings = {
         "n_samples": 200,
         "path_cost": mb.CertaintyEquivalent(),
         "sampler": mb.NominalSampler(control_std=2.75),
     }
-    blind, told = (
+    blind, seeing = (
         costs(problem, kind(**settings), trials=hundred) for kind in (mb.MPPI, mb.OracleMPPI)
     )
-    saved = blind - told
+    saved = blind - seeing
     assert saved.mean() > 4.5 * saved.std(ddof=1) / np.sqrt(len(saved))

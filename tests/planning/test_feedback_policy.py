@@ -18,7 +18,10 @@ from mppi_belief.planning import feedback_policy
 from mppi_belief.planning import path_integral as pi
 from mppi_belief.planning.lq_problem import charge_weights
 
-STD, TEMPERATURE, HORIZON, N = 1.5, 2.0, 6, 4000
+STD = 1.5
+TEMPERATURE = 2.0
+HORIZON = 6
+N = 4000
 PLANNER = mb.MPPI(N, HORIZON, TEMPERATURE, mb.RiskSensitive(0.7), mb.NominalSampler(STD))
 GUIDED = replace(PLANNER, sampler=mb.LaplaceSampler(STD))
 
@@ -29,11 +32,11 @@ def act_on(
 ) -> tuple[Array, Array]:
     """First controls (K, nu) and effective sample sizes (K,) for K keys."""
 
-    def one(key: Array) -> tuple[Array, Array]:
+    def sample_one(key: Array) -> tuple[Array, Array]:
         u, _, info = controller.act(problem, prior(problem), plan, key)
         return u, info.ess
 
-    return jax.lax.map(one, keys)
+    return jax.lax.map(sample_one, keys)
 
 
 def sampled(
@@ -43,7 +46,9 @@ def sampled(
     second: np.ndarray,
     key: Array,
 ) -> tuple[Array, Array, Array]:
-    """Normals and controls (H, nu, N) of two policies, and what their path costs are raised by (N,)."""
+    """Normals and controls (H, nu, N) of two policies, and what their path costs are raised by
+    (N,).
+    """
 
     @quick_jit
     def program(problem, policies, reference, key):
@@ -76,7 +81,8 @@ def test_of_a_linear_problem_with_quadratic_costs_all_paths_weigh_the_same(
     control_std, monkeypatch, x64, rng, plan
 ):
     monkeypatch.setattr(feedback_policy, "about_nominal", lambda n, mirrored: np.zeros(n, bool))
-    problem, keys = random_problem(rng, steps=HORIZON), jax.random.split(jax.random.key(0), 1)
+    problem = random_problem(rng, steps=HORIZON)
+    keys = jax.random.split(jax.random.key(0), 1)
     planner = mb.MPPI(64, HORIZON, TEMPERATURE, sampler=mb.LaplaceSampler(control_std))
     plain = replace(planner, sampler=mb.NominalSampler(control_std))
     np.testing.assert_allclose(act_on(problem, planner, plan, keys)[1], 64, rtol=1e-9)
@@ -105,13 +111,15 @@ def test_a_fifth_is_drawn_about_the_nominal_mirrored_pairs_together():
     ]
     assert not feedback_policy.about_nominal(2, False)[1]
     for n in (2, 19, 20, 500):
-        half, chosen = (n + 1) // 2, feedback_policy.about_nominal(n, True)
+        half = (n + 1) // 2
+        chosen = feedback_policy.about_nominal(n, True)
         np.testing.assert_array_equal(chosen[half:], chosen[: n - half])
         assert chosen[:half].sum() == -(-half // 5)
 
 
 def test_of_a_linear_problem_the_fifth_about_the_nominal_is_what_is_lost(x64, rng, plan):
-    problem, keys = random_problem(rng, steps=HORIZON), jax.random.split(jax.random.key(0), 1)
+    problem = random_problem(rng, steps=HORIZON)
+    keys = jax.random.split(jax.random.key(0), 1)
     planner = mb.MPPI(400, HORIZON, TEMPERATURE, sampler=mb.LaplaceSampler(4 * STD))
     (ess,) = act_on(problem, planner, plan, keys)[1]
     assert 0.8 * 400 - 5 < ess <= 400
@@ -124,7 +132,8 @@ def test_an_expansion_that_leads_far_astray_costs_no_more_than_its_samples(monke
         return fallback._replace(controls=fallback.controls + 50.0)
 
     monkeypatch.setattr(feedback_policy, "laplace_policy", astray)
-    problem, keys = near_an_obstacle(), jax.random.split(jax.random.key(4), 60)
+    problem = near_an_obstacle()
+    keys = jax.random.split(jax.random.key(4), 60)
     many = (
         N - 10
     )  # another number than in other tests, for which a program without this patch is kept
@@ -151,7 +160,8 @@ OPTIONS = [
 def test_the_limit_of_many_samples_is_that_about_the_nominal_and_is_reached_with_fewer(
     path_cost, options, x64, plan
 ):
-    problem, keys = near_an_obstacle(), jax.random.split(jax.random.key(1), 60)
+    problem = near_an_obstacle()
+    keys = jax.random.split(jax.random.key(1), 60)
     plain, guided = (
         act_on(
             problem,
@@ -211,9 +221,10 @@ def test_the_ratio_of_densities_of_policies_with_feedback_has_mean_one(second, x
     )
     wide = policy._replace(controls=-plan, factors=1.2 * factors)
     keys = jax.random.split(jax.random.key(3), 10)
-    found = [sampled(problem, (policy, wide), reference, second, key)[2] for key in keys]
-    ratios = np.exp(-np.asarray(found) / TEMPERATURE) / STD ** (2 * HORIZON)
-    mean, error = np.mean(ratios), np.std(ratios) / np.sqrt(np.size(ratios))
+    computed = [sampled(problem, (policy, wide), reference, second, key)[2] for key in keys]
+    ratios = np.exp(-np.asarray(computed) / TEMPERATURE) / STD ** (2 * HORIZON)
+    mean = np.mean(ratios)
+    error = np.std(ratios) / np.sqrt(np.size(ratios))
     assert abs(mean - 1) < 4 * error < 0.1
 
 
@@ -221,7 +232,9 @@ def test_the_ratio_of_densities_of_policies_with_feedback_has_mean_one(second, x
 def expanded(
     plan,
 ) -> Callable[..., tuple[feedback_policy.FeedbackPolicy, feedback_policy.FeedbackPolicy]]:
-    """The Laplace policy for a cost of (x, k) about means that move on by one at each step, and the nominal's."""
+    """The Laplace policy for a cost of (x, k) about means that move on by one at each step, and the
+    nominal's.
+    """
 
     def make(
         cost: Callable[[Array, Array], Array],
@@ -241,16 +254,16 @@ def expanded(
 
 def test_an_expansion_that_is_not_finite_leaves_the_nominal(expanded):
     policy, fallback = expanded(lambda x, k: 2.5e37 * jnp.sum(x**2))
-    for found, given in zip(policy, fallback, strict=True):
-        np.testing.assert_array_equal(found, given)
+    for computed, given in zip(policy, fallback, strict=True):
+        np.testing.assert_array_equal(computed, given)
 
 
 def test_a_state_without_finite_derivatives_counts_as_if_it_cost_nothing(x64, expanded):
     singular, _ = expanded(lambda x, k: jnp.sum(x**2) + 1e-9 * jnp.sqrt(jnp.sum((x - 3) ** 2)))
     without, _ = expanded(lambda x, k: jnp.sum(x**2) * (k != 3))
     assert np.any(without.gains)
-    for found, expected in zip(singular, without, strict=True):
-        np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-6)
+    for computed, expected in zip(singular, without, strict=True):
+        np.testing.assert_allclose(computed, expected, rtol=1e-6, atol=1e-6)
 
 
 MODES = [[0.0, 0.3, 0.0, 0.0], [0.0, -0.6, 0.0, 0.0]]
@@ -263,18 +276,20 @@ ELSEWHERE = {
 
 @pytest.mark.parametrize("case", ELSEWHERE)
 def test_the_limit_is_the_same_with_every_schedule(case, x64, plan):
-    """The policy is that of one Gaussian with a shared covariance; costs and weights are the planner's own."""
+    """The policy is that of one Gaussian with a shared covariance; costs and weights are the
+    planner's own.
+    """
     problem = replace(near_an_obstacle(), prior_modes=np.array(MODES))
     keys = jax.random.split(jax.random.key(5), 40)
     belief, schedule = ELSEWHERE[case]
 
     @quick_jit
     def controls(planner: mb.MPPI) -> tuple[Array, Array]:
-        def one(key: Array) -> tuple[Array, Array]:
+        def sample_one(key: Array) -> tuple[Array, Array]:
             u, _, info = planner.act(problem, belief(problem), jnp.asarray(plan), key)
             return u, info.ess
 
-        return jax.lax.map(one, keys)
+        return jax.lax.map(sample_one, keys)
 
     plain, guided = (controls(replace(p, schedule=schedule)) for p in (PLANNER, GUIDED))
     errors = [u.std(axis=0) / np.sqrt(len(keys)) for u, _ in (plain, guided)]

@@ -55,25 +55,30 @@ def closed_loops(problem: mb.Problem, controller: mb.EKFiLQG) -> mb.Trial:
 
 @pytest.mark.parametrize("at_step_end", [False, True])
 def test_one_iteration_solves_a_linear_quadratic_problem(at_step_end, x64, rng):
-    problem, horizon = random_problem(rng), 12
+    problem = random_problem(rng)
+    horizon = 12
     start = np.asarray(problem.prior_mean) + 1.0
     once = SETTINGS._replace(max_iterations=1)
-    found = solve(problem, start, once, horizon, at_step_end)
+    computed = solve(problem, start, once, horizon, at_step_end)
     charged = np.ones(horizon + 1)
     charged[0 if at_step_end else -1] = 0
     np.testing.assert_allclose(
-        found.policy.controls, lqr(problem, start, charged), rtol=1e-8, atol=1e-8
+        computed.policy.controls, lqr(problem, start, charged), rtol=1e-8, atol=1e-8
     )
 
 
 def test_the_gains_are_the_derivative_of_the_optimal_control(x64, rng):
-    problem, start, horizon = random_problem(rng), np.array([0.4, -0.2, 0.7]), 12
+    problem = random_problem(rng)
+    start = np.array([0.4, -0.2, 0.7])
+    horizon = 12
     charged = np.ones(horizon + 1)
     charged[0] = 0
-    found = solve(problem, start, horizon=horizon)
+    computed = solve(problem, start, horizon=horizon)
     for direction in np.eye(3):
         moved = lqr(problem, start + direction, charged)[0] - lqr(problem, start, charged)[0]
-        np.testing.assert_allclose(found.policy.gains[0] @ direction, moved, rtol=1e-8, atol=1e-8)
+        np.testing.assert_allclose(
+            computed.policy.gains[0] @ direction, moved, rtol=1e-8, atol=1e-8
+        )
 
 
 @pytest.mark.parametrize(
@@ -92,22 +97,24 @@ def test_cost_never_rises_from_one_iteration_to_the_next(start, light_dark, x64)
     "start", [[1.0, 1.0, 0.0, 0.0], [2.0, -0.9, 1.0, 0.3], [5.0, 3.0, -1.0, 0.0]]
 )
 def test_the_solution_is_stationary(start, light_dark, x64):
-    found = solve(light_dark, start)
-    assert found.converged
+    computed = solve(light_dark, start)
+    assert computed.converged
     cost = objective(light_dark, 30)
 
     def value(controls):
-        open_loop = found.policy._replace(
-            controls=controls, gains=jnp.zeros_like(found.policy.gains)
+        open_loop = computed.policy._replace(
+            controls=controls, gains=jnp.zeros_like(computed.policy.gains)
         )
         return ilqr.total_cost(
             light_dark, cost, ilqr.forward_rollout(light_dark, open_loop, jnp.asarray(start))
         )
 
-    np.testing.assert_allclose(quick_jit(value)(found.policy.controls), found.cost, rtol=1e-10)
+    np.testing.assert_allclose(
+        quick_jit(value)(computed.policy.controls), computed.cost, rtol=1e-10
+    )
     gradient = quick_jit(jax.grad(value))
     at_rest = np.linalg.norm(gradient(jnp.zeros((30, 2))))
-    assert np.linalg.norm(gradient(found.policy.controls)) < 1e-3 * at_rest
+    assert np.linalg.norm(gradient(computed.policy.controls)) < 1e-3 * at_rest
 
 
 def test_an_indefinite_hessian_is_projected_to_the_nearest_psd_matrix(x64, rng):

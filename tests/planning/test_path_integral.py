@@ -1,4 +1,6 @@
-"""The parts of the sampler: against plain loops, and the desirability against an exact Gaussian integral."""
+"""The parts of the sampler: against plain loops, and the desirability against an exact Gaussian
+integral.
+"""
 
 import jax
 import jax.numpy as jnp
@@ -18,58 +20,60 @@ rollouts = quick_jit(pi.rollouts)
 
 @pytest.mark.parametrize(("n", "m"), [(1, 1), (4, 2), (3, 3), (5, 1)])
 def test_control_map_undoes_g_of_full_column_rank(n, m, x64, rng):
-    G, R = rng.normal(size=(n, m)), random_spd(rng, m, 0.1, 10.0)
-    found = pi.control_map(jnp.asarray(G), jnp.asarray(R))
-    np.testing.assert_allclose(found @ G, np.eye(m), atol=1e-10)
-    np.testing.assert_allclose(found, reference.control_map(G, R), atol=1e-10)
+    G = rng.normal(size=(n, m))
+    R = random_spd(rng, m, 0.1, 10.0)
+    computed = pi.control_map(jnp.asarray(G), jnp.asarray(R))
+    np.testing.assert_allclose(computed @ G, np.eye(m), atol=1e-10)
+    np.testing.assert_allclose(computed, reference.control_map(G, R), atol=1e-10)
 
 
 @pytest.mark.parametrize(("n", "m", "rank"), [(4, 3, 1), (4, 3, 2), (2, 4, 2), (3, 2, 0)])
 def test_control_map_of_rank_deficient_g_is_the_pseudoinverse(n, m, rank, x64, rng):
-    G, R = rng.normal(size=(n, rank)) @ rng.normal(size=(rank, m)), random_spd(rng, m, 0.1, 10.0)
-    found = pi.control_map(jnp.asarray(G), jnp.asarray(R))
-    np.testing.assert_allclose(found, reference.control_map(G, R), atol=1e-9)
-    np.testing.assert_allclose(G @ found @ G, G, atol=1e-10)
+    G = rng.normal(size=(n, rank)) @ rng.normal(size=(rank, m))
+    R = random_spd(rng, m, 0.1, 10.0)
+    computed = pi.control_map(jnp.asarray(G), jnp.asarray(R))
+    np.testing.assert_allclose(computed, reference.control_map(G, R), atol=1e-9)
+    np.testing.assert_allclose(G @ computed @ G, G, atol=1e-10)
     # among the controls with the same effect the one of least u' R u: (R u)' v = 0 wherever G v = 0
     kernel = np.eye(m) - np.linalg.pinv(G, rcond=1e-10) @ G
-    np.testing.assert_allclose(kernel @ R @ found, 0, atol=1e-9)
+    np.testing.assert_allclose(kernel @ R @ computed, 0, atol=1e-9)
 
 
 @pytest.mark.parametrize("disturbed", [True, False])
 @pytest.mark.parametrize("together", [True, False])
 def test_rollouts_equal_a_loop(disturbed, together, x64, rng):
     """From one mean, or from a mean for each sample."""
-    problem, H, N = light_dark_problem(), 6, 5
+    problem = light_dark_problem()
+    H = 6
+    N = 5
     model = reference.light_dark(sampled=True, dt=DT)
-    starts, controls, pushes = (
-        rng.normal(size=(4, 1 if together else N)),
-        rng.normal(size=(H, 2, N)),
-        rng.normal(size=(H, 4, N)),
-    )
-    found = pi.rollouts(
+    starts = rng.normal(size=(4, 1 if together else N))
+    controls = rng.normal(size=(H, 2, N))
+    pushes = rng.normal(size=(H, 4, N))
+    computed = pi.rollouts(
         problem,
         jnp.asarray(starts[:, 0] if together else starts),
         controls,
         pushes if disturbed else None,
     )
-    assert found.shape == (H, 4, N)
+    assert computed.shape == (H, 4, N)
     for i in range(N):
         mu = starts[:, 0 if together else i]
         for k in range(H):
             mu = (
                 mu + (model.A @ mu + model.B @ controls[k, :, i]) * DT + disturbed * pushes[k, :, i]
             )
-            np.testing.assert_allclose(found[k, :, i], mu, atol=1e-12)
+            np.testing.assert_allclose(computed[k, :, i], mu, atol=1e-12)
 
 
 @pytest.mark.parametrize("at_step_end", [False, True])
 def test_accumulated_costs_equal_a_loop(at_step_end, x64, rng):
-    problem, H, N = light_dark_problem(), 4, 3
-    start, means, covs = (
-        rng.normal(size=4),
-        rng.normal(size=(H, 4, N)),
-        rng.normal(size=(H + 1, 4, 4)),
-    )
+    problem = light_dark_problem()
+    H = 4
+    N = 3
+    start = rng.normal(size=4)
+    means = rng.normal(size=(H, 4, N))
+    covs = rng.normal(size=(H + 1, 4, 4))
 
     def running(mu: Array, cov: Array) -> Array:
         return mu[0] ** 2 + mu[2] * cov[0, 1]
@@ -77,7 +81,7 @@ def test_accumulated_costs_equal_a_loop(at_step_end, x64, rng):
     def terminal(mu: Array, cov: Array) -> Array:
         return 3 * mu[1] + cov[2, 2]
 
-    found = pi.accumulated_costs(
+    computed = pi.accumulated_costs(
         problem, jnp.asarray(start), means, covs, at_step_end, running, terminal
     )
     for i in range(N):
@@ -86,7 +90,7 @@ def test_accumulated_costs_equal_a_loop(at_step_end, x64, rng):
         total = sum(running(path[k], covs[k]) * DT for k in range(first, H + first)) + terminal(
             path[-1], covs[-1]
         )
-        np.testing.assert_allclose(found[i], total, rtol=1e-12)
+        np.testing.assert_allclose(computed[i], total, rtol=1e-12)
 
 
 def test_a_receded_nominal_ends_without_control(rng):
@@ -101,8 +105,10 @@ def test_normals_are_standard(x64):
 
 def test_matched_increments_have_the_covariance_lambda_r_inverse_over_dt(x64, rng):
     """Unit vectors in place of the normals: the increments are the columns of the factor itself."""
-    R, temperature = random_spd(rng, 2, 0.05, 1.0), 0.7
-    problem, units = light_dark_problem(cost={"control_weight": R}), jnp.eye(2)[None]
+    R = random_spd(rng, 2, 0.05, 1.0)
+    temperature = 0.7
+    problem = light_dark_problem(cost={"control_weight": R})
+    units = jnp.eye(2)[None]
     factor = pi.matched_increments(problem, units, temperature, None)[0]
     np.testing.assert_allclose(factor @ factor.T, temperature * np.linalg.inv(R) / DT, rtol=1e-12)
     G = problem.system.G(jnp.zeros(4))
@@ -115,7 +121,8 @@ def test_matched_increments_have_the_covariance_lambda_r_inverse_over_dt(x64, rn
 
 def test_the_exact_girsanov_weight_is_williams_formula_at_alpha_zero(x64):
     """For S_u = lambda R^-1 / dt; gamma = lambda (1 - alpha) scales it down to nothing."""
-    problem, temperature = light_dark_problem(cost={"control_weight": [0.05, 0.05]}), 3.0
+    problem = light_dark_problem(cost={"control_weight": [0.05, 0.05]})
+    temperature = 3.0
     exact = pi.girsanov_weight(problem, temperature, None, None)
     np.testing.assert_allclose(exact, 0.05 * DT * np.eye(2), rtol=1e-14)
     deviation = np.sqrt(temperature / 0.05 / DT)
@@ -123,19 +130,21 @@ def test_the_exact_girsanov_weight_is_williams_formula_at_alpha_zero(x64):
         pi.girsanov_weight(problem, temperature, deviation, None), exact, rtol=1e-14
     )
     for alpha in (0.0, 0.3, 1.0):
-        found = pi.girsanov_weight(problem, temperature, deviation, alpha)
-        np.testing.assert_allclose(found, (1 - alpha) * exact, rtol=1e-12, atol=1e-15)
+        computed = pi.girsanov_weight(problem, temperature, deviation, alpha)
+        np.testing.assert_allclose(computed, (1 - alpha) * exact, rtol=1e-12, atol=1e-15)
     np.testing.assert_allclose(
         pi.girsanov_weight(problem, 2.0, 4.0, 0.5), 2.0 * 0.5 / 16 * np.eye(2), rtol=1e-14
     )
 
 
 def test_girsanov_term_equals_a_loop(x64, rng):
-    nominal, increments, W = rng.normal(size=(5, 2)), rng.normal(size=(5, 2, 7)), random_spd(rng, 2)
-    found = pi.girsanov(nominal, increments, W)
+    nominal = rng.normal(size=(5, 2))
+    increments = rng.normal(size=(5, 2, 7))
+    W = random_spd(rng, 2)
+    computed = pi.girsanov(nominal, increments, W)
     for i in range(7):
         np.testing.assert_allclose(
-            found[i], sum(nominal[k] @ W @ increments[k, :, i] for k in range(5)), rtol=1e-12
+            computed[i], sum(nominal[k] @ W @ increments[k, :, i] for k in range(5)), rtol=1e-12
         )
 
 
@@ -169,7 +178,8 @@ def test_effective_sample_size_runs_from_one_to_all():
 
 
 def test_weighted_increments_average_over_the_samples(x64, rng):
-    w, increments = rng.dirichlet(np.ones(6)), rng.normal(size=(4, 2, 6))
+    w = rng.dirichlet(np.ones(6))
+    increments = rng.normal(size=(4, 2, 6))
     expected = sum(w[i] * increments[:, :, i] for i in range(6))
     np.testing.assert_allclose(pw.weighted_increments(w, increments), expected, rtol=1e-12)
 
@@ -201,9 +211,12 @@ def costs_of_means(problem: mb.Problem, start: Array, means: Array) -> Array:
 def assert_desirability(
     problem: mb.Problem, s: Scalar, means: Array, correction: Array | float
 ) -> None:
-    """The Monte Carlo estimate of eq. (17) agrees with the exact Gaussian integral, to a standard error of 1 %."""
+    """The Monte Carlo estimate of eq. (17) agrees with the exact Gaussian integral, to a standard
+    error of 1 %.
+    """
     costs = costs_of_means(problem, jnp.array([s.mean]), means) + correction
-    steps, dt = problem.steps, problem.dt
+    steps = problem.steps
+    dt = problem.dt
     exact = reference.gaussian_paths(
         s.a, s.b, s.diffusion, s.q, s.q_T, s.mean, dt, steps, s.temperature
     ).log_psi
@@ -214,16 +227,22 @@ def assert_desirability(
 
 
 def test_feynman_kac_desirability_equals_the_exact_gaussian_integral(scalar, x64):
-    """Linear drift, quadratic costs: E exp(-S / lambda) over ten Gaussian increments of the belief mean."""
-    problem, shape = scalar.problem(10), (10, 1, 100_000)
+    """Linear drift, quadratic costs: E exp(-S / lambda) over ten Gaussian increments of the belief
+    mean.
+    """
+    problem = scalar.problem(10)
+    shape = (10, 1, 100_000)
     push = jnp.sqrt(scalar.diffusion * problem.dt) * jax.random.normal(jax.random.key(3), shape)
     means = rollouts(problem, jnp.array([scalar.mean]), jnp.zeros(shape), push)
     assert_desirability(problem, scalar, means, 0.0)
 
 
 def test_the_girsanov_term_makes_the_desirability_independent_of_the_nominal(scalar, x64):
-    """About a nominal u, the density of the samples is paid for by sum u' R delta dt + 1/2 u' R u dt."""
-    problem, shape = scalar.problem(10), (10, 1, 100_000)
+    """About a nominal u, the density of the samples is paid for by sum u' R delta dt + 1/2 u' R u
+    dt.
+    """
+    problem = scalar.problem(10)
+    shape = (10, 1, 100_000)
     nominal = jnp.linspace(-1.2, 0.5, 10)[:, None]
     deviation = jnp.sqrt(scalar.temperature / scalar.R / problem.dt)
     delta = deviation * jax.random.normal(jax.random.key(4), shape)
@@ -272,7 +291,8 @@ def test_paths_without_a_finite_cost_weigh_nothing_in_any_block(block, monkeypat
         costs = jax.random.uniform(key, (n,)) + jnp.tile(bad, 3)[:n]
         return pw.CostedPaths(jnp.ones((2, 1, n)), costs, jnp.zeros((2, 3, n)))
 
-    nominal, weighting = jnp.zeros((2, 1)), pw.Exponential(0.5)
+    nominal = jnp.zeros((2, 1))
+    weighting = pw.Exponential(0.5)
     change, w, _ = pw.improve(nominal, sample, jax.random.key(0), 12, weighting)
     np.testing.assert_array_equal(np.asarray(w).reshape(3, 4)[:, :3], 0)
     assert np.all(np.asarray(w).reshape(3, 4)[:, 3] > 0)

@@ -1,4 +1,5 @@
-"""The trajectory optimiser against Crocoddyl's DDP: the same optimum of a nonlinear problem, written twice.
+"""The trajectory optimiser against Crocoddyl's DDP: the same optimum of a nonlinear problem,
+written twice.
 
 Crocoddyl is large, so this test has an environment and a target of its own: `make test-solver`.
 """
@@ -12,7 +13,11 @@ import pytest
 import mppi_belief as mb
 from mppi_belief.planning import ilqr
 
-DT, HORIZON, R, QX, QT = 0.05, 40, 0.1, np.array([2.0, 0.2]), np.array([20.0, 2.0])
+DT = 0.05
+HORIZON = 40
+R = 0.1
+QX = np.array([2.0, 0.2])
+QT = np.array([20.0, 2.0])
 SETTINGS = ilqr.ILQRSettings(
     tolerance=1e-12, max_iterations=300, damping=1e-6, damping_factor=4.0, damping_max=1e8
 )
@@ -44,7 +49,8 @@ class PendulumAction(crocoddyl.ActionModelAbstract):
 
     def __init__(self, weight: np.ndarray, moves: bool) -> None:
         crocoddyl.ActionModelAbstract.__init__(self, crocoddyl.StateVector(2), 1, 3)
-        self.weight, self.moves = weight, moves
+        self.weight = weight
+        self.moves = moves
 
     def calc(self, data, x, u=None):
         effort = 0.0 if u is None else 0.5 * R * DT * float(u[0]) ** 2
@@ -74,10 +80,12 @@ def test_both_find_the_same_optimum(start):
     cost = mb.GoalObstacleCost([0, 0], QX, QT, [R])
     problem = mb.Problem(Pendulum(), cost, start, [0, 0], DT, HORIZON)
     objective = ilqr.state_cost(problem, cost.base, HORIZON, True)
-    found = ilqr.solve(
+    computed = ilqr.solve(
         problem, objective, ilqr.uncontrolled(problem, HORIZON), jnp.asarray(start), SETTINGS
     )
     value, controls = crocoddyl_optimum(np.array(start))
-    assert found.converged
-    np.testing.assert_allclose(found.cost, value, rtol=1e-4)
-    np.testing.assert_allclose(found.policy.controls, controls, atol=1e-3 * np.abs(controls).max())
+    assert computed.converged
+    np.testing.assert_allclose(computed.cost, value, rtol=1e-4)
+    np.testing.assert_allclose(
+        computed.policy.controls, controls, atol=1e-3 * np.abs(controls).max()
+    )
