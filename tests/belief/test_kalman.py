@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from jax import Array
 
@@ -140,6 +140,7 @@ def update(cov: Array, C: Array, R_s: Array) -> tuple[Array, Array, Array]:
     log_noise=st.floats(-6, 6),
     rank=st.integers(0, 4),
 )
+@example(seed=91, log_cov=0.0, log_noise=-5.0, rank=3)
 def test_a_measured_covariance_is_symmetric_psd_on_its_own_scale_and_no_larger(
     n, p, precision, seed, log_cov, log_noise, rank
 ):
@@ -158,8 +159,11 @@ def test_a_measured_covariance_is_symmetric_psd_on_its_own_scale_and_no_larger(
     assert np.linalg.eigvalsh(after).min() >= -4 * n * eps * np.linalg.norm(after, 2)
     assert np.linalg.eigvalsh(cov - after).min() >= -50 * eps * np.linalg.norm(cov, 2)
     # against double precision: as far off as the rounding of the prior and of R_s makes it
+    # (Joseph's form, in which an error of the gain is of second order)
     S = C @ cov @ C.T + R_s
-    exact = cov - cov @ C.T @ np.linalg.solve(S, C @ cov)
+    gain = np.linalg.solve(S, C @ cov).T
+    closed_loop = np.eye(n) - gain @ C
+    exact = closed_loop @ cov @ closed_loop.T + gain @ R_s @ gain.T
     assert np.linalg.norm(after - exact) <= 100 * eps * np.linalg.norm(cov, 2), np.linalg.norm(
         after - exact
     )
