@@ -235,7 +235,7 @@ def problem(system: str, n: Numbers) -> mb.Problem:
         n["dt"],
         STEPS,
         obstacles=obstacles,
-        position=(0, 1) if system == "light_dark" else None,
+        position=tuple(range(n["centers"].shape[-1])),
         noise_convention="sample" if system == "light_dark" else "intensity",
     )
 
