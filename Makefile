@@ -118,6 +118,7 @@ picture: install  ## draw the pictures of README, docs/theory.md and docs/archit
 	$(BIN)/python docs/scripts/readme_picture.py
 	$(BIN)/mppi-belief verify cole_hopf feynman_kac control_law entropic_risk
 	$(BIN)/python docs/scripts/architecture_picture.py
+	$(BIN)/python docs/scripts/commands_page.py
 	for name in cole_hopf feynman_kac control_law entropic_risk; do \
 	  cp outputs/verify/$$name.png docs/img/theory_$$name.png; done
 

@@ -2,6 +2,7 @@
 
 import re
 import shlex
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
@@ -16,6 +17,10 @@ from mppi_belief.results import table
 from mppi_belief.results.certificate import CERTIFICATE_NAMES
 
 ROOT = Path(__file__).resolve().parents[1]
+sys.path.append(str(ROOT / "docs" / "scripts"))
+
+import commands_page  # noqa: E402
+
 DOCUMENTS = sorted(
     [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), *(ROOT / "experiments").rglob("*.md")]
 )
@@ -102,6 +107,20 @@ def test_documented_runs_compose(arguments):
     words = [word for word in shlex.split(arguments) if "=" in word or word == "-m"]
     if "controller=mine" not in words:  # a controller of the reader's own
         assert collect(*words)
+
+
+@pytest.mark.skipif(
+    sys.version_info >= (3, 13), reason="argparse of Python 3.13 prints options differently"
+)
+def test_the_page_of_commands_has_the_help_of_today():
+    page = commands_page.PAGE.read_text()
+    assert page == commands_page.with_help(page), "run docs/scripts/commands_page.py"
+
+
+def test_every_controller_has_a_line_on_the_page_of_commands():
+    page = commands_page.PAGE.read_text()
+    for path in (ROOT / "conf" / "controller").glob("*.yaml"):
+        assert f"| `{path.stem}` |" in page
 
 
 def test_every_certificate_is_named_wherever_certificates_are():
