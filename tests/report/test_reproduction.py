@@ -5,17 +5,10 @@ from collections.abc import Sequence
 
 import pytest
 
+from mppi_belief.report.agreement import FITTED, HELD_OUT, ComparedNumber, compare_numbers
 from mppi_belief.report.cell_results import CellResults
 from mppi_belief.report.sections import reproduction
-from mppi_belief.report.sections.reproduction import (
-    FITTED,
-    HELD_OUT,
-    ComparedNumber,
-    compare_numbers,
-    compared_frame,
-    judged_claims,
-    verdict,
-)
+from mppi_belief.report.sections.reproduction import compared_frame, judged_claims, verdict
 from report_helpers import cell_of, failed_trial, results_of, trial_rows
 
 TABLE_1 = {  # cost, spread, collisions in %, as printed

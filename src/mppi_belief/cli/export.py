@@ -2,6 +2,7 @@
 
 import csv
 import io
+import itertools
 from collections.abc import Iterator, Sequence
 from typing import Any
 
@@ -23,7 +24,7 @@ def as_csv(cells: Sequence[CellContents]) -> tuple[str, int]:
     float is written as the shortest text that reads back as the same float (also nan, inf and
     -inf); None is an empty field.
     """
-    lines = [line for contents in cells for line in _csv_lines(contents)]
+    lines = list(itertools.chain.from_iterable(_csv_lines(contents) for contents in cells))
     names = dict.fromkeys(["cell", "commit", *COLUMNS])
     for line in lines:
         names |= dict.fromkeys(line)

@@ -1,5 +1,6 @@
 """Reads the results of a cell once, for all tables and figures; pairs, groups and names cells."""
 
+import itertools
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -172,7 +173,7 @@ def by_method(cells: Sequence[CellResults]) -> dict[str, list[CellResults]]:
 def differing_labels(cells: Sequence[CellResults]) -> list[dict[str, str]]:
     """Returns the labels of each cell as text, without those that have one value in all cells."""
     labels = [{name: label_text(value) for name, value in cell.labels.items()} for cell in cells]
-    names = dict.fromkeys(name for cell_labels in labels for name in cell_labels)
+    names = dict.fromkeys(itertools.chain.from_iterable(labels))
     differing = []
     for name in names:
         values = {cell_labels.get(name, "-") for cell_labels in labels} - {"-"}

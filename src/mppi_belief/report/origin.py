@@ -1,5 +1,6 @@
 """Reports the provenance of the trials, and what keeps a reader from trusting their numbers."""
 
+import itertools
 from collections.abc import Iterable, Sequence
 from typing import Any
 
@@ -9,9 +10,9 @@ from .cell_results import CellResults
 
 def trial_provenance(cells: Sequence[CellResults]) -> list[tuple[str, str]]:
     """Returns names and values: commit, versions, machine, seeds, commands, wall time, ..."""
-    sources = [source for cell in cells for source in cell.sources]
+    sources = _all_sources(cells)
     versions = [source.get("versions") or {} for source in sources]
-    packages = sorted({name for packages in versions for name in packages})
+    packages = sorted(set().union(*versions))
     package_versions = [
         f"{name} {_distinct(packages.get(name) for packages in versions)}" for name in packages
     ]
@@ -33,7 +34,7 @@ def trial_provenance(cells: Sequence[CellResults]) -> list[tuple[str, str]]:
 
 def trial_warnings(cells: Sequence[CellResults]) -> list[str]:
     """Returns one line per reason not to trust the numbers as they are."""
-    sources = [source for cell in cells for source in cell.sources]
+    sources = _all_sources(cells)
     lines = []
 
     # Trials that do not belong together.
@@ -75,6 +76,11 @@ def full_commit(source: dict[str, Any]) -> str:
         version = (source.get("versions") or {}).get("mppi-belief", "of unknown version")
         return f"installed package {version}"
     return f"{commit}{' with changes' if source.get('dirty') else ''}"
+
+
+def _all_sources(cells: Sequence[CellResults]) -> list[dict[str, Any]]:
+    """Returns the provenance of every file that holds a row of the cells."""
+    return list(itertools.chain.from_iterable(cell.sources for cell in cells))
 
 
 def _distinct(values: Iterable[Any]) -> str:

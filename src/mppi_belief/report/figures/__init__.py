@@ -3,6 +3,7 @@
 from .animation import write_animation
 from .certificate_panels import certificate_figure
 from .diagnostics import ess_figure, residual_figure
+from .figure_1 import figure_1
 from .filter_consistency import consistency_figure
 from .one_trial import one_trial_figure
 from .plane import kept_in_plane
@@ -11,7 +12,7 @@ from .sampling_efficiency import proposals_figure
 from .sensing import sensing_figure
 from .style import BLUE, GREEN, INK, ORANGE, method_look, save_png, save_png_and_pdf
 from .sweeps import figure_2, theta_figure
-from .trajectories import TRAJECTORIES_PNG, PathPanel, compare_paths, figure_1, trajectories_figure
+from .trajectories import TRAJECTORIES_PNG, PathPanel, compare_paths, trajectories_figure
 
 __all__ = [
     "BLUE",

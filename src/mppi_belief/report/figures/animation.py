@@ -194,6 +194,7 @@ def _move_to(parts: MovingParts, trial: AnimatedTrial, step: int) -> None:
 
 
 def _add_animation_legend(figure: Figure, trials: Sequence[AnimatedTrial]) -> None:
+    """Adds the legend below the panels."""
     colours = [method_look(trial.cell.method).colour for trial in trials]
     path = tuple(Line2D([], [], color=colour, lw=2) for colour in colours)
     ring: Any = {"marker": "o", "mfc": "none", "mew": 1.6, "ms": 7, "ls": "none"}

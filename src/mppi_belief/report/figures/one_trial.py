@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from .plane import (
+    ELLIPSE_EVERY,
     ELLIPSE_SIGMAS,
     LIGHT_GREYS,
     belief_ellipse,
@@ -24,7 +25,6 @@ from .plane import (
     view_box,
 )
 from .style import GREEN, INK, SCREEN, method_look
-from .trajectories import ELLIPSE_EVERY
 
 FANS = 5  # steps at which the sampled paths are shown
 

@@ -16,7 +16,8 @@ from ..cell_results import CellResults
 from .style import GREEN, INK
 
 ELLIPSE_SIGMAS = 2.0  # standard deviations, the half-axes of belief ellipses
-MARGIN = 0.35  # m, around everything that a picture shows
+ELLIPSE_EVERY = 6  # steps from one belief ellipse to the next
+VIEW_MARGIN = 0.35  # m, around everything that a picture shows
 
 # Light enough that thin lines stay visible on its dark end.
 LIGHT_GREYS = LinearSegmentedColormap.from_list("light", ["#FFFFFF", "#8C8C8C"])
@@ -98,8 +99,8 @@ def view_box(paths: Iterable[np.ndarray], scene: dict[str, Any]) -> np.ndarray:
     points = np.vstack([*paths, *obstacles, scene["start"], scene["goal"]])
     x = scene["noise"]["x"]
     y = scene["noise"]["y"]
-    low = np.nanmin(points, axis=0) - MARGIN
-    high = np.nanmax(points, axis=0) + MARGIN
+    low = np.nanmin(points, axis=0) - VIEW_MARGIN
+    high = np.nanmax(points, axis=0) + VIEW_MARGIN
     return np.stack([np.maximum(low, [x[0], y[0]]), np.minimum(high, [x[-1], y[-1]])])
 
 

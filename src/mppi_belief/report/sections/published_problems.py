@@ -82,6 +82,7 @@ def problem_frame(cells: Sequence[CellResults]) -> pd.DataFrame:
 
 
 def _problem_line(cell: CellResults) -> dict[str, str]:
+    """Returns the line of one cell."""
     beliefs = kept_beliefs(cell)
     in_light = proportion_interval(int(beliefs.in_light.sum()), len(beliefs.in_light))
     return {

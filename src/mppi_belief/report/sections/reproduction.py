@@ -1,35 +1,20 @@
 """How well each published number is met: Table I was fitted, the sweeps were held out."""
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
-import numpy as np
 import pandas as pd
 
 from .. import published
+from ..agreement import FITTED, HELD_OUT, ComparedNumber, compare_numbers
 from ..cell_results import CellResults, Studies, by_method
 from ..elements import write_page_table
 from ..page import Section
-from ..statistics import mean_z, proportion_z, spread_z
-from ..summary import TrialSummary, summarise_trials
 
-FITTED = "fitted"
-HELD_OUT = "held out"
 AGREEMENT = 2.0  # standard errors within which two numbers count as agreeing
 UNSAFE_RATE = 0.10  # the paper's baselines stay above this collision rate at every weight
-
-
-class ComparedNumber(NamedTuple):
-    """Holds one published number and ours."""
-
-    kind: str  # `FITTED` or `HELD_OUT`
-    label: str
-    paper: str
-    ours: str
-    z: float  # the difference in standard errors
-    is_range: bool = False  # whether the paper gives a range; then z = 0 within it
 
 
 def reproduction_sections(studies: Studies, folder: Path) -> list[Section]:
@@ -81,89 +66,6 @@ def _open_values(cells: Sequence[CellResults]) -> pd.DataFrame:
                 {"Key": key, "Meaning": meaning, "Value": "-" if value == {} else str(value)}
             )
     return pd.DataFrame(rows)
-
-
-def compare_numbers(
-    table_1: Sequence[CellResults], theta: Sequence[CellResults], weights: Sequence[CellResults]
-) -> list[ComparedNumber]:
-    """Compares every number that Table I, the theta sweep and the obstacle-weight sweep publish."""
-    numbers: list[ComparedNumber] = []
-    for cell in table_1:
-        numbers.extend(_compare_table_1(cell, summarise_trials(cell.rows, None)))
-    for cell in theta:
-        numbers.extend(_compare_theta(cell, summarise_trials(cell.rows, None)))
-    for cell in weights:
-        numbers.extend(_compare_weight(cell, summarise_trials(cell.rows, None)))
-    return numbers
-
-
-def _compare_table_1(cell: CellResults, ours: TrialSummary) -> Iterator[ComparedNumber]:
-    """Compares cost, spread and collisions of one cell with Table I."""
-    paper = published.TABLE_1.get(cell.method)
-    n = published.PAPER_TRIALS
-    if paper is None or ours.good < 2:
-        return
-    z = mean_z(ours.cost.value, ours.sd, ours.good, paper.cost, paper.spread, n)
-    cost = f"{ours.cost.value:.1f}"
-    yield ComparedNumber(FITTED, f"{cell.name}, cost", f"{paper.cost}", cost, z)
-
-    z = spread_z(ours.sd, ours.good, paper.spread, n)
-    label = f"{cell.name}, spread of the cost"
-    yield ComparedNumber(FITTED, label, f"{paper.spread}", f"{ours.sd:.1f}", z)
-
-    rate = paper.collisions / n
-    yield _compare_rate(FITTED, f"{cell.name}, collisions %", ours, rate, rate)
-
-
-def _compare_theta(cell: CellResults, ours: TrialSummary) -> Iterator[ComparedNumber]:
-    """Compares one cell of the theta sweep with the text. Ours stands for spreads it omits."""
-    theta = float(cell.labels["theta"])
-    paper = published.PAPER_THETA.get(theta)
-    n = published.PAPER_TRIALS
-    if paper is None or ours.good < 2:
-        return
-    kind = FITTED if theta == published.TABLE_1_THETA else HELD_OUT  # the former is in Table I too
-    yield _compare_rate(kind, f"theta {theta:g}, collisions %", ours, *paper.collision_rate)
-
-    if paper.clearance is not None:
-        values = cell.good["clearance"].to_numpy(dtype=float)
-        sd = float(np.std(values, ddof=1)) if np.all(np.isfinite(values)) else math.nan
-        z = mean_z(ours.clearance.value, sd, ours.good, paper.clearance, sd, n)
-        label = f"theta {theta:g}, clearance m"
-        clearance = f"{ours.clearance.value:.2f}"
-        yield ComparedNumber(HELD_OUT, label, f"{paper.clearance:.2f}", clearance, z)
-
-    if paper.cost is not None:
-        z = mean_z(ours.cost.value, ours.sd, ours.good, paper.cost, ours.sd, n)
-        cost = f"{ours.cost.value:.1f}"
-        yield ComparedNumber(kind, f"theta {theta:g}, cost", f"{paper.cost}", cost, z)
-
-
-def _compare_weight(cell: CellResults, ours: TrialSummary) -> Iterator[ComparedNumber]:
-    """Compares the collisions of one cell of the obstacle-weight sweep with the text."""
-    w_obs = float(cell.labels["w_obs"])
-    label = f"w_obs {w_obs:g}, {cell.name}, collisions %"
-    if ours.good < 2:
-        return
-    if cell.method in published.BASELINES:
-        yield _compare_rate(HELD_OUT, label, ours, *published.BASELINE_RANGE)
-    elif cell.method == "belief":
-        bounds = [rate for start, rate in published.BELIEF_BELOW.items() if w_obs >= start]
-        if bounds:
-            yield _compare_rate(HELD_OUT, label, ours, 0.0, min(bounds))
-
-
-def _compare_rate(
-    kind: str, label: str, ours: TrialSummary, low: float, high: float
-) -> ComparedNumber:
-    """Compares a collision rate with the nearest rate in the paper's range; z = 0 within it."""
-    rate = ours.collided.value
-    n = published.PAPER_TRIALS
-    nearest = min(max(rate, low), high)
-    z = proportion_z(ours.collisions, ours.good, nearest * n, n)
-    is_range = low != high
-    paper = f"{100 * low:g} to {100 * high:g}" if is_range else f"{100 * low:.1f}"
-    return ComparedNumber(kind, label, paper, f"{100 * rate:.1f}", z, is_range)
 
 
 def compared_frame(numbers: Sequence[ComparedNumber], kind: str) -> pd.DataFrame:

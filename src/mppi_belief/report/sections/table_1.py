@@ -12,7 +12,7 @@ from ..cell_results import CellResults, cell_titles
 from ..comparison import method_differences
 from ..elements import collision_text, cost_text, write_page_table, write_picture
 from ..figures.animation import write_animation
-from ..figures.trajectories import figure_1
+from ..figures.figure_1 import figure_1
 from ..frame_files import write_text_file
 from ..page import Picture, Section
 from ..summary import interval_text, summarise_trials
