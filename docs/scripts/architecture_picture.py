@@ -53,7 +53,7 @@ COLOURS = {
     ),
     "no mathematics: runs, stores, reports": (
         "#e5f3e2",
-        ["run", "results", "report", "config", "cli"],
+        ["run", "results", "report", "config"],
     ),
 }
 OTHER_COLOUR = "#f2f2f2"
@@ -63,7 +63,7 @@ OTHER_COLOUR = "#f2f2f2"
 PLACES = {
     "__main__": 560,
     "cli": 560,
-    "trial": 110,
+    "trial": 160,
     "verify": 480,
     "report": 830,
     "run": 1020,
@@ -80,11 +80,11 @@ PLACES = {
     "discretise": 530,
     "config": 1020,
     "problem": 530,
-    "obstacles": 790,
+    "obstacles": 530,
     "numerics": 210,
-    "structs": 660,
+    "structs": 530,
     "errors": 1020,
-    "fields": 660,
+    "fields": 770,
 }
 
 WIDTH = 1120  # px
