@@ -63,5 +63,5 @@ def overview_panel(cell: CellResults) -> figures.PathPanel | None:
     rows = cell.rows
     collided = set(rows.loc[rows["collided"].fillna(False).astype(bool), "trial"])
     labels = [f"{name} {value}" for name, value in cell.labels.items() if label_text(value) != "-"]
-    kept = set(cell.paths["trial"])
-    return figures.PathPanel(cell.paths, cell.scene, collided & kept, ", ".join(labels))
+    drawn_trials = set(cell.paths["trial"])
+    return figures.PathPanel(cell.paths, cell.scene, collided & drawn_trials, ", ".join(labels))

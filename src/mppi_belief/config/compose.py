@@ -1,16 +1,16 @@
 """From a request to the configurations of its cells: parse, compose, check, label.
 
-    words        ["sweep=theta", "seed=3"]        typed by a person, parsed by `mppi_belief.cli`
+    words            ["sweep=theta", "seed=3"]    typed by a person, parsed by `mppi_belief.cli`
       |
-    Request      overrides, --config-dir, -m      `request.py`
+    Request          overrides, --config-dir, -m  `request.py`
       | grids
-    [Request]    one for each yaml file of a study
+    [Request]        one per yaml file of a study (`studies.py`)
       | jobs
-    [ComposedJob]     one per combination of swept values (`sweep.py`), composed by Hydra
-      | _configuration
-    [dict]       plain values, every `${...}` resolved, checked (`settings.py`)
+    [ComposedJob]    one per combination of swept values (`sweep.py`), composed by Hydra
+      | _configuration, check_settings
+    [dict]           plain values, every `${...}` resolved, types and ranges checked (`settings.py`)
       | cell_labels, fingerprints
-    [dict]       with `names` (option of each group), `swept` (what was set), `code` (a user's own)
+    [dict]           with `names` (option of each group), `swept` (what was set), `code` (own modules)
 
 `collect` does all of it, so a mistake in any cell is found before the first trial of any other.
 `Cell` (cell.py) gives each dict its identity.
