@@ -90,7 +90,7 @@ def test_two_installed_versions_are_different():
     assert "installed package 0.1.0; installed package 0.2.0" in line
 
 
-def test_uncommitted_changes_are_told():
+def test_uncommitted_changes_give_a_warning():
     (line,) = trial_warnings([complete(source(dirty=True), source(dirty=True))])
     assert "uncommitted changes" in line
     clean_and_not = trial_warnings([complete(source(), source(dirty=True))])
@@ -99,7 +99,7 @@ def test_uncommitted_changes_are_told():
     assert "uncommitted changes" in clean_and_not[1]
 
 
-def test_fewer_trials_than_the_papers_are_told():
+def test_fewer_trials_than_the_papers_give_a_warning():
     (line,) = trial_warnings([results_of(cell_of(), trial_rows(50), 50, [source()])])
     assert line.startswith("50 trials per cell are fewer than the paper's 200")
     assert trial_warnings([results_of(cell_of(), trial_rows(250), 250, [source()])]) == []

@@ -210,7 +210,7 @@ def test_the_page_needs_nothing_else(parsed, folder):
     assert [image["src"] for image in parsed.all("img")] == uris
 
 
-def test_the_page_is_whole(parsed, page):
+def test_the_page_has_every_part(parsed, page):
     assert parsed.text("h1") == parsed.text("title") == [page.title]
     assert parsed.text("h2") == [
         "Warnings",
@@ -331,7 +331,7 @@ def test_a_missing_picture_is_a_note(parsed):
     assert "One trial, animated." in parsed.text("figcaption")
 
 
-def test_every_picture_says_what_is_seen(parsed, page):
+def test_every_picture_has_its_description(parsed, page):
     pictures = itertools.chain.from_iterable(section.pictures for section in page.sections)
     pictures = [picture for picture in pictures if picture.file != "gone.gif"]
     assert [image["alt"] for image in parsed.all("img")] == [

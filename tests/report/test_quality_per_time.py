@@ -269,7 +269,7 @@ def test_the_section_has_a_sentence_a_method_a_table_and_a_figure(tmp_path):
     ] * 2
 
 
-def test_without_times_nothing_is_said_of_them(tmp_path):
+def test_without_times_the_advice_names_none(tmp_path):
     (section,) = study_sections(
         {STUDY: [item._replace(seconds=[]) for item in everything()]}, tmp_path
     )

@@ -68,7 +68,7 @@ def test_the_terminal_shows_every_number_with_its_band_and_verdict(tmp_path, cap
     assert lines[-1].startswith("1 of 1 certificates hold, with 2 checks")
 
 
-def test_a_failure_is_told_and_returned(tmp_path, capsys):
+def test_a_failure_is_printed_and_returned(tmp_path, capsys):
     two = stored(certificate(), certificate("feynman_kac", value=1.0))
     assert not show_certificates(two, two, tmp_path)
     printed = capsys.readouterr().out

@@ -97,10 +97,10 @@ def write_animation(cells: Sequence[CellResults], path: Path) -> bool:
 def _recorded_trial(cell: CellResults) -> AnimatedTrial | None:
     """Returns the recorded trial of a cell, None without its samples or its path in the plane."""
     samples = (cell.recording or {}).get("samples")
-    kept = kept_in_plane(cell)
-    if not samples or cell.recording is None or kept is None:
+    scene_and_paths = kept_in_plane(cell)
+    if not samples or cell.recording is None or scene_and_paths is None:
         return None
-    scene, paths = kept
+    scene, paths = scene_and_paths
     steps = paths[paths["trial"] == cell.recording["trial"]]
     if len(steps) < 2:
         return None

@@ -47,7 +47,11 @@ def figure_1(cells: Sequence[CellResults]) -> Figure | None:
     paths in a plane.
     """
     ordered = sorted(cells, key=lambda cell: method_order(cell.method))
-    shown = [(cell, kept) for cell in ordered if (kept := kept_in_plane(cell)) is not None]
+    shown = [
+        (cell, scene_and_paths)
+        for cell in ordered
+        if (scene_and_paths := kept_in_plane(cell)) is not None
+    ]
     if not shown:
         return None
     boxes = [view_box([stacked_steps(paths)[0]], scene) for _, (scene, paths) in shown]

@@ -26,13 +26,13 @@ def sensing_figure(
     (b) Mean cost of Algorithm 1 against the limit of its sensor, with 95 % intervals. `limited` are
     its cells in rising order of "system.limit", where None stands for no limit.
     """
-    kept = [cell for cell in unlimited if not cell.paths.empty and cell.scene is not None]
-    if not kept:
+    kept_cells = [cell for cell in unlimited if not cell.paths.empty and cell.scene is not None]
+    if not kept_cells:
         return None
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(COLUMN, 3.9), layout="constrained")
         panels = figure.subplots(2, 1)
-        _draw_mean_positions(panels[0], kept)
+        _draw_mean_positions(panels[0], kept_cells)
         _draw_cost_over_limit(panels[1], unlimited, [cell for cell in limited if len(cell.good)])
         handles, labels = panels[0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside lower center", ncols=2)

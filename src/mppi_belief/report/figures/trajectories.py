@@ -34,10 +34,10 @@ class PathPanel(NamedTuple):
 
 def cell_panel(cell: CellResults, title: str) -> PathPanel | None:
     """Returns the panel of a cell's good trials; None where no paths in a plane were kept."""
-    kept = kept_in_plane(cell)
-    if kept is None:
+    scene_and_paths = kept_in_plane(cell)
+    if scene_and_paths is None:
         return None
-    scene, paths = kept
+    scene, paths = scene_and_paths
     return PathPanel(paths, scene, cell.collided_trials, title)
 
 

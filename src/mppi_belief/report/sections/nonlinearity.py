@@ -78,7 +78,7 @@ def _evaluate(cell: CellResults, oracle: CellResults | None) -> ConsistencyPoint
     # The part of the trials that are lost.
     nees = cell.good["nees"].to_numpy(float)
     lost_above = nx * chi_square_band(nx, 1 - 2 * LOST_PROBABILITY).high
-    lost = proportion_interval(int((nees > lost_above).sum()), len(nees))
+    lost_part = proportion_interval(int((nees > lost_above).sum()), len(nees))
 
     trials = len(cell.good)
     steps = int(cell.good["steps"].max())
@@ -92,7 +92,7 @@ def _evaluate(cell: CellResults, oracle: CellResults | None) -> ConsistencyPoint
         nis=mean_interval(cell.good["nis"].to_numpy(float)).times(1 / ny),
         nees_band=nees_band,
         nis_band=nis_band,
-        lost=lost if nx > 0 else NO_ESTIMATE,
+        lost=lost_part if nx > 0 else NO_ESTIMATE,
         loss=NO_ESTIMATE if oracle is None else cost_difference(cell, oracle),
         collisions=collision_text(cell),
         collided=float(cell.collided.mean()),
