@@ -31,7 +31,9 @@ def start(
     env: Mapping[str, str] | None = None,
     subject: Path = SUBJECT,
 ) -> Remote:
-    """Starts the process of one contestant, pinned to `cpu`; `subject` is the program that serves it."""
+    """Starts the process of one contestant, pinned to `cpu`; `subject` is the program that
+    serves it.
+    """
     return Remote([python, subject, module, name, str(cpu)], log, env)
 
 

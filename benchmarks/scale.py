@@ -4,8 +4,8 @@
 
 PART is one of table_1 samples long_run sweep start_up; without one all are measured, in about
 twelve minutes. Writes outputs/bench/scale.json and .md, where parts that are not run keep what they
-had, and prints the tables; `--docs` writes docs/benchmarks_more.md too. `--quick` runs a little of each,
-to see that it works, and writes nothing.
+had, and prints the tables; `--docs` writes docs/benchmarks_more.md too. `--quick` runs a little of
+each, to see that it works, and writes nothing.
 """
 
 import argparse

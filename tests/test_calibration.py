@@ -64,7 +64,8 @@ def test_the_open_numbers_are_those_that_the_report_lists(scenario):
         )
         for factor in (1, 2)
     )
-    before, after = flattened(first), flattened(second)
+    before = flattened(first)
+    after = flattened(second)
     assert {key for key in before if before[key] != after[key]} == set(published.OPEN)
 
 

@@ -75,7 +75,7 @@ def markdown(numbers: dict[str, Any]) -> str:
     """Returns the table."""
     lines = [
         "**Rows on disk**: synthetic rows of random numbers, in part files of so many rows. "
-        "Reading is that of all files of a cell, checked against their hashes, as `run` and `report` do.",
+        "Reading is that of all files of a cell, checked against their hashes, as in `report`.",
         "",
         "| rows per file | bytes per row | ms to write a file | s to read a million rows "
         "| files of a million rows |",

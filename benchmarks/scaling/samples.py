@@ -117,7 +117,7 @@ def markdown(numbers: dict[str, Any]) -> str:
     """Returns a table over N with both controllers side by side."""
     lines = [
         f"**Cost of a sample-step**, {numbers['horizon']} steps ahead, float32, one thread: the "
-        "median time of a control step, the same divided by samples and steps, and the peak memory.",
+        "median time of a step, the same divided by samples and steps, and the peak memory.",
         "",
         "| samples | "
         + " | ".join(f"{label} ms | ns | MB" for label in CONTROLLERS.values())

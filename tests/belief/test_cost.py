@@ -62,16 +62,16 @@ def test_a_cost_without_closed_form_is_integrated(x64):
     assert isinstance(cost, Cost)
     assert not isinstance(cost, ClosedFormCost)
     problem = plain_problem(cost)
-    found = running_moments(problem, m, S)
+    computed = running_moments(problem, m, S)
     # Isserlis' theorem; all of these are of degree four at most, so the rule is exact
     W = np.eye(2)
     V = np.array([[0, 0.5], [0.5, 0]])
-    np.testing.assert_allclose(found.base, m @ m + np.trace(S), rtol=1e-12)
-    np.testing.assert_allclose(found.penalty, m[0] * m[1] + S[0, 1], rtol=1e-12)
+    np.testing.assert_allclose(computed.base, m @ m + np.trace(S), rtol=1e-12)
+    np.testing.assert_allclose(computed.penalty, m[0] * m[1] + S[0, 1], rtol=1e-12)
     for value, (A, B) in (
-        (found.base_var, (W, W)),
-        (found.penalty_var, (V, V)),
-        (found.covariance, (W, V)),
+        (computed.base_var, (W, W)),
+        (computed.penalty_var, (V, V)),
+        (computed.covariance, (W, V)),
     ):
         np.testing.assert_allclose(
             value, 2 * np.trace(A @ S @ B @ S) + 4 * m @ A @ S @ B @ m, rtol=1e-12
@@ -96,20 +96,22 @@ def test_a_cost_that_knows_its_moments_is_asked():
 
 
 def test_quadrature_errors_of_the_light_dark_cost_vanish_at_sixth_order(light_dark, x64, rng):
-    """Degree five leaves an error of order sigma^6 in a mean, and in a variance too, which is of order sigma^2."""
+    """Degree five leaves an error of order sigma^6 in a mean, and in a variance too, which is of
+    order sigma^2.
+    """
     shape = random_spd(rng, 4)
     errors = []
     for spread in (0.02, 0.01):
         cov = spread**2 * shape
         exact = running_moments(light_dark, MEAN, cov)
-        found = quick_jit(belief_cost.quadrature_moments)(light_dark, MEAN, jnp.asarray(cov))
+        computed = quick_jit(belief_cost.quadrature_moments)(light_dark, MEAN, jnp.asarray(cov))
         np.testing.assert_allclose(
-            [found.base, found.base_var], [exact.base, exact.base_var], rtol=1e-10
+            [computed.base, computed.base_var], [exact.base, exact.base_var], rtol=1e-10
         )
-        np.testing.assert_allclose(found, exact, rtol=2e-3)
+        np.testing.assert_allclose(computed, exact, rtol=2e-3)
         errors.append(
             [
-                abs(getattr(found, f) - getattr(exact, f))
+                abs(getattr(computed, f) - getattr(exact, f))
                 for f in ("penalty", "penalty_var", "covariance")
             ]
         )
@@ -162,7 +164,9 @@ def test_the_penalty_expected_at_the_mean_is_its_value_there_and_nothing_else_ch
 
 
 def test_without_risk_aversion_paths_differ_by_their_cost_at_the_mean(light_dark, x64, rng):
-    """What is left of the covariance is the same for all paths: differences are those of CE-MPPI."""
+    """What is left of the covariance is the same for all paths: differences are those of
+    CE-MPPI.
+    """
     covs = [0.05 * random_spd(rng, 4) for _ in range(3)]
     paths = MEAN + rng.normal(size=(5, 3, 4)) * [1.0, 0.6, 0.5, 0.5]
 
@@ -206,7 +210,9 @@ def test_a_planner_without_risk_aversion_that_expects_at_the_mean_is_ce_mppi(lig
 
 
 def test_risk_sensitive_cost_is_the_start_of_the_entropic_one(x64):
-    """log E exp(theta q) / theta = E q + theta / 2 Var q + O(theta^2), here for q = |x|^2 / 2 in closed form."""
+    """log E exp(theta q) / theta = E q + theta / 2 Var q + O(theta^2), here for q = |x|^2 / 2 in
+    closed form.
+    """
     problem = plain_problem(mb.GoalObstacleCost([0.0], [1.0], [1.0], [1.0]))
     m = 0.7
     s = 0.4
@@ -221,9 +227,9 @@ def test_risk_sensitive_cost_is_the_start_of_the_entropic_one(x64):
 @pytest.mark.parametrize("risk", ["penalty", "total"])
 def test_a_certain_belief_costs_what_its_mean_does(risk, light_dark, x64):
     for position in (MEAN, np.array([3.0, 1.0, 0, 0]), np.zeros(4)):
-        found = risk_sensitive(light_dark, position, jnp.zeros((4, 4)), 5.0, variance_of=risk)
+        computed = risk_sensitive(light_dark, position, jnp.zeros((4, 4)), 5.0, variance_of=risk)
         certain = belief_cost.certainty_equivalent(light_dark, jnp.asarray(position))
-        np.testing.assert_allclose(found, certain, rtol=1e-12)
+        np.testing.assert_allclose(computed, certain, rtol=1e-12)
     cost = light_dark.cost
     np.testing.assert_allclose(
         certain, cost.base(jnp.zeros(4)) + light_dark.penalty(jnp.zeros(4)), rtol=1e-12
@@ -232,10 +238,10 @@ def test_a_certain_belief_costs_what_its_mean_does(risk, light_dark, x64):
 
 def test_expected_terminal_cost_is_eq_4(light_dark, x64, rng):
     cov = random_spd(rng, 4)
-    found = belief_cost.expected_terminal(light_dark, MEAN, cov)
+    computed = belief_cost.expected_terminal(light_dark, MEAN, cov)
     weight = np.diag(light_dark.cost.terminal_weight)
     np.testing.assert_allclose(
-        found, light_dark.cost.terminal(MEAN) + 0.5 * np.trace(weight @ cov), rtol=1e-12
+        computed, light_dark.cost.terminal(MEAN) + 0.5 * np.trace(weight @ cov), rtol=1e-12
     )
 
 

@@ -82,17 +82,17 @@ def mppi_belief_command(tmp_path, capsys) -> Callable[..., Said]:
 def test_bad_input_is_one_line_and_exit_code_2_and_leaves_no_trace(
     line, mppi_belief_command, tmp_path
 ):
-    said = mppi_belief_command(*shlex.split(line))
-    assert (said.code, said.out) == (2, "")
-    assert re.fullmatch(r"mppi-belief: \S.*\n", said.err)
+    ended = mppi_belief_command(*shlex.split(line))
+    assert (ended.code, ended.out) == (2, "")
+    assert re.fullmatch(r"mppi-belief: \S.*\n", ended.err)
     assert files_in(tmp_path) == []
 
 
 @pytest.mark.parametrize("args", [["run", "theta=nan"], ["theta=1"]], ids=" ".join)
 def test_bad_input_to_the_real_command(args, tmp_path):
-    said = command(tmp_path, *args)
-    assert (said.code, said.out) == (2, "")
-    assert re.fullmatch(r"mppi-belief: \S.*\n", said.err)
+    ended = command(tmp_path, *args)
+    assert (ended.code, ended.out) == (2, "")
+    assert re.fullmatch(r"mppi-belief: \S.*\n", ended.err)
     assert files_in(tmp_path) == []
 
 
@@ -102,9 +102,9 @@ def test_a_results_dir_that_cannot_be_made_or_written_is_exit_code_74(
     taken = tmp_path / "taken"
     taken.write_text("a file")
     for target in ("/dev/null/x", str(taken)):
-        said = mppi_belief_command("run", f"results_dir={target}", *SMALL)
-        assert (said.code, said.out) == (74, "")
-        assert re.fullmatch(rf"mppi-belief: cannot write results: .*{target}.*\n", said.err)
+        ended = mppi_belief_command("run", f"results_dir={target}", *SMALL)
+        assert (ended.code, ended.out) == (74, "")
+        assert re.fullmatch(rf"mppi-belief: cannot write results: .*{target}.*\n", ended.err)
     assert files_in(tmp_path) == ["taken"]
 
 
@@ -113,10 +113,10 @@ def test_a_full_disk_is_exit_code_74_and_said_in_words(mppi_belief_command, monk
         raise OSError(errno.ENOSPC, "No space left on device")
 
     monkeypatch.setattr(files, "probe", full)
-    said = mppi_belief_command("run", *SMALL)
-    assert said.code == 74
+    ended = mppi_belief_command("run", *SMALL)
+    assert ended.code == 74
     assert re.fullmatch(
-        r"mppi-belief: cannot write results: No space left on device\S*\n", said.err
+        r"mppi-belief: cannot write results: No space left on device\S*\n", ended.err
     )
 
 
@@ -133,25 +133,25 @@ def test_a_forgotten_run_is_suggested(mppi_belief_command):
 
 def test_help_and_version(mppi_belief_command):
     for args in ([], ["--help"], ["-h"]):
-        said = mppi_belief_command(*args)
-        assert (said.code, said.err) == (0, "")
-        assert "mppi-belief run --help" in said.out
+        ended = mppi_belief_command(*args)
+        assert (ended.code, ended.err) == (0, "")
+        assert "mppi-belief run --help" in ended.out
     assert mppi_belief_command("--version") == (0, f"mppi-belief {mppi_belief.__version__}\n", "")
 
 
 def test_help_of_run_names_every_group_option_and_key(mppi_belief_command, tmp_path):
-    said = mppi_belief_command("run", "--help")
-    assert (said.code, said.err) == (0, "")
+    ended = mppi_belief_command("run", "--help")
+    assert (ended.code, ended.err) == (0, "")
     groups = [entry for entry in CONF.iterdir() if entry.is_dir()]
     assert len(groups) >= 5
     for group in groups:
-        (line,) = re.findall(rf"^{group.name}: .*$", said.out, re.MULTILINE)
+        (line,) = re.findall(rf"^{group.name}: .*$", ended.out, re.MULTILINE)
         assert sorted(re.findall(r"[\w.]+", line)[1:]) == sorted(
             path.stem for path in group.glob("*.yaml")
         )
     for key in (*Settings.__dataclass_fields__, *Planner.__dataclass_fields__):
-        assert re.search(rf"^\s*{key}:", said.out, re.MULTILINE), key
-    assert not re.search(r"^hydra:|\?\?\?|schema", said.out, re.MULTILINE)
+        assert re.search(rf"^\s*{key}:", ended.out, re.MULTILINE), key
+    assert not re.search(r"^hydra:|\?\?\?|schema", ended.out, re.MULTILINE)
     assert files_in(tmp_path) == []
 
 
@@ -166,9 +166,9 @@ def test_help_and_complaints_do_not_wait_for_what_is_slow_to_load(tmp_path):
 
 
 def test_cfg_job_prints_the_configuration_and_runs_nothing(mppi_belief_command, tmp_path):
-    said = mppi_belief_command("run", "theta=2.5", "controller=ce", "--cfg", "job", "--resolve")
-    assert (said.code, said.err) == (0, "")
-    printed = OmegaConf.create(said.out)
+    ended = mppi_belief_command("run", "theta=2.5", "controller=ce", "--cfg", "job", "--resolve")
+    assert (ended.code, ended.err) == (0, "")
+    printed = OmegaConf.create(ended.out)
     assert set(printed) == set(Settings.__dataclass_fields__)
     assert (printed.theta, printed.controller.path_cost._target_, printed.n_trials) == (
         2.5,
@@ -213,8 +213,8 @@ def test_sweeps_need_no_m_and_multiply():
     assert {config["seed"] for config in configs} == {3}
     configs = collect("sweep=w_obs", "controller=belief,ce")
     weights = [100, 250, 500, 1000, 2500, 5000, 10000]
-    found = sorted((config["names"]["controller"], config["w_obs"]) for config in configs)
-    assert found == [(name, weight) for name in ("belief", "ce") for weight in weights]
+    pairs = sorted((config["names"]["controller"], config["w_obs"]) for config in configs)
+    assert pairs == [(name, weight) for name in ("belief", "ce") for weight in weights]
     assert len(collect("theta=1", "-m", "seed=0,1")) == 2
 
 
@@ -274,7 +274,8 @@ class Proportional:
 
 
 def test_a_users_own_controller_runs_from_a_yaml_and_a_module_beside_it(tmp_path):
-    own, away = tmp_path / "own", tmp_path / "away"
+    own = tmp_path / "own"
+    away = tmp_path / "away"
     (own / "controller").mkdir(parents=True)
     away.mkdir()
     (own / "proportional.py").write_text(USERS_CONTROLLER)
@@ -290,10 +291,10 @@ def test_a_users_own_controller_runs_from_a_yaml_and_a_module_beside_it(tmp_path
         "workers=1",
         *SMALL,
     ]
-    said = command(away, *args)
-    assert said.code == 0, said.err
-    assert "3 trials run, 0 already done" in said.out
-    assert re.search(r"^\s*proportional\b", said.out, re.MULTILINE)
+    ended = command(away, *args)
+    assert ended.code == 0, ended.err
+    assert "3 trials run, 0 already done" in ended.out
+    assert re.search(r"^\s*proportional\b", ended.out, re.MULTILINE)
     assert (files_in(away), files_in(away / "outputs")) == (["outputs"], ["results"])
     (cell,) = (away / "outputs" / "results").iterdir()
     assert cell.name.startswith("proportional-")
@@ -317,16 +318,16 @@ COMPLETIONS = {
 
 @pytest.mark.parametrize("line", COMPLETIONS)
 def test_completion_of_a_word(line, mppi_belief_command):
-    said = mppi_belief_command("-sc", "query=bash", COMP_LINE=line, COMP_POINT=str(len(line)))
-    assert (said.code, said.err) == (0, "")
-    assert said.out.split() == COMPLETIONS[line]
+    ended = mppi_belief_command("-sc", "query=bash", COMP_LINE=line, COMP_POINT=str(len(line)))
+    assert (ended.code, ended.err) == (0, "")
+    assert ended.out.split() == COMPLETIONS[line]
 
 
 @pytest.mark.parametrize("before", ["", "theta=1 ", "-m theta=0,1 w_obs=100 "])
 def test_completion_of_an_option_lists_the_group(before, mppi_belief_command):
     line = f"mppi-belief run {before}controller="
-    said = mppi_belief_command("-sc", "query=bash", COMP_LINE=line, COMP_POINT=str(len(line)))
-    assert said.out.split() == sorted(
+    ended = mppi_belief_command("-sc", "query=bash", COMP_LINE=line, COMP_POINT=str(len(line)))
+    assert ended.out.split() == sorted(
         f"controller={path.stem}" for path in CONF.glob("controller/*.yaml")
     )
 
@@ -366,8 +367,8 @@ def test_a_command_that_takes_the_signal_for_its_own_ends_all_the_same(number):
     ) as process:
         assert process.stdout.readline() == "in its hands\n"
         process.send_signal(number)
-        _, said = process.communicate(timeout=TIMEOUT)
-    assert (process.returncode, said) == (128 + number, "stopped\n")
+        _, ended = process.communicate(timeout=TIMEOUT)
+    assert (process.returncode, ended) == (128 + number, "stopped\n")
 
 
 def test_the_docs_have_the_exit_codes_of_the_commands():
@@ -376,12 +377,12 @@ def test_the_docs_have_the_exit_codes_of_the_commands():
 
 @pytest.mark.parametrize("command_name", COMMANDS)
 def test_the_help_of_a_command_names_its_options_and_exit_codes(command_name, mppi_belief_command):
-    said = mppi_belief_command(command_name, "--help")
-    assert (said.code, said.err) == (0, "")
-    assert said.out.startswith(f"usage: mppi-belief {command_name} ")
-    assert all(option in said.out for option in COMMANDS[command_name].parser().options)
+    ended = mppi_belief_command(command_name, "--help")
+    assert (ended.code, ended.err) == (0, "")
+    assert ended.out.startswith(f"usage: mppi-belief {command_name} ")
+    assert all(option in ended.out for option in COMMANDS[command_name].parser().options)
     for entry in exit_codes.meanings_of(command_name):
-        assert re.search(rf"^  {entry.code} +{re.escape(entry.meaning)}$", said.out, re.MULTILINE)
+        assert re.search(rf"^  {entry.code} +{re.escape(entry.meaning)}$", ended.out, re.MULTILINE)
 
 
 def test_a_sweep_starts_from_the_first_of_its_values():
@@ -397,8 +398,8 @@ def test_info_names_the_file_of_each_group(mppi_belief_command, tmp_path):
     mine = tmp_path / "mine" / "controller" / "mine.yaml"
     mine.write_text("_target_: mppi_belief.LQG\nhorizon: 3\n")
     args = ["--config-dir", "mine", "controller=mine", "--info", "defaults"]
-    said = mppi_belief_command("run", *args)
-    assert (said.code, said.err) == (0, "")
-    lines = [line.split() for line in said.out.splitlines()]
+    ended = mppi_belief_command("run", *args)
+    assert (ended.code, ended.err) == (0, "")
+    lines = [line.split() for line in ended.out.splitlines()]
     assert ["controller", "mine", "mine/controller/mine.yaml"] in lines
     assert ["system", "light_dark", str(CONF / "system" / "light_dark.yaml")] in lines

@@ -34,7 +34,7 @@ def ran() -> tuple[Cell, Any]:
 
 
 @pytest.fixture
-def kept(ran, tmp_path) -> Path:
+def cell_folder(ran, tmp_path) -> Path:
     """What a run leaves of them."""
     cell, batch = ran
     folder = tmp_path / "outputs" / "results" / cell.id
@@ -54,55 +54,55 @@ def replay(tmp_path, capsys) -> Callable[..., Said]:
     return run
 
 
-def change(folder: Path, kind: str, name: str, at: int, value: Any, **about: Any) -> None:
+def change(folder: Path, kind: str, name: str, index: int, value: Any, **about: Any) -> None:
     """One value of a file becomes another, with a hash that fits."""
     (path,) = folder.glob(f"{kind}-*")
-    told, table = results.read_table(path)
+    metadata, table = results.read_table(path)
     values = table[name].to_pylist()
-    values[at] = value
-    place = table.column_names.index(name)
-    table = table.set_column(place, name, pa.array(values, table.schema.field(name).type))
+    values[index] = value
+    column = table.column_names.index(name)
+    table = table.set_column(column, name, pa.array(values, table.schema.field(name).type))
     path.unlink()
-    results.write_table(folder, kind, table, [source | about for source in told["sources"]])
+    results.write_table(folder, kind, table, [source | about for source in metadata["sources"]])
 
 
-def test_a_trial_is_reproduced_bit_for_bit_and_drawn(replay, kept):
-    said = replay(kept.name, "1")
-    assert (said.code, said.err) == (0, "")
-    assert "reproduced bit for bit: 21 values of its row, 4 steps of its path" in said.out
-    assert f"picture: outputs/results/{kept.name}/replay-1.png" in said.out
-    assert (kept / "replay-1.png").read_bytes().startswith(b"\x89PNG")
+def test_a_trial_is_reproduced_bit_for_bit_and_drawn(replay, cell_folder):
+    ended = replay(cell_folder.name, "1")
+    assert (ended.code, ended.err) == (0, "")
+    assert "reproduced bit for bit: 21 values of its row, 4 steps of its path" in ended.out
+    assert f"picture: outputs/results/{cell_folder.name}/replay-1.png" in ended.out
+    assert (cell_folder / "replay-1.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_a_trial_without_a_kept_path_is_reproduced_and_drawn_too(replay, kept):
-    said = replay(kept.name[:9], "60", "results_dir=outputs/results")
-    assert said.code == 0
-    assert "reproduced bit for bit: 21 values of its row, no path was kept" in said.out
-    assert (kept / "replay-60.png").exists()
+def test_a_trial_without_a_kept_path_is_reproduced_and_drawn_too(replay, cell_folder):
+    ended = replay(cell_folder.name[:9], "60", "results_dir=outputs/results")
+    assert ended.code == 0
+    assert "reproduced bit for bit: 21 values of its row, no path was kept" in ended.out
+    assert (cell_folder / "replay-60.png").exists()
 
 
-def test_a_value_of_the_row_in_its_last_digit_is_told(replay, kept, ran):
+def test_a_value_of_the_row_in_its_last_digit_is_told(replay, cell_folder, ran):
     cost = ran[1].rows[0]["cost"]
-    other = float(np.nextafter(np.float32(cost), np.float32(math.inf)))
-    change(kept, "part", "cost", 0, other)
-    said = replay(kept.name, "0")
-    assert said.code == 3
-    assert f"cost: {other!r}, now {cost!r}; 1 ulp of float32 apart\n" in said.out
-    assert "NOT reproduced" in said.out
+    changed = float(np.nextafter(np.float32(cost), np.float32(math.inf)))
+    change(cell_folder, "part", "cost", 0, changed)
+    ended = replay(cell_folder.name, "0")
+    assert ended.code == 3
+    assert f"cost: {changed!r}, now {cost!r}; 1 ulp of float32 apart\n" in ended.out
+    assert "NOT reproduced" in ended.out
 
 
-def test_a_value_of_the_path_is_told_with_its_place(replay, kept, ran):
+def test_a_value_of_the_path_is_told_with_its_place(replay, cell_folder, ran):
     mean = ran[1].paths[2]["mean"]
-    change(kept, "paths", "mean", 2, [float(mean[0]) + 1.0])
-    said = replay(kept.name, "0")
-    assert said.code == 3
-    assert "mean at step 2, component 0, the first of 1: " in said.out
-    assert "state" not in said.out
+    change(cell_folder, "paths", "mean", 2, [float(mean[0]) + 1.0])
+    ended = replay(cell_folder.name, "0")
+    assert ended.code == 3
+    assert "mean at step 2, component 0, the first of 1: " in ended.out
+    assert "state" not in ended.out
 
 
-def test_what_is_not_as_it_was_is_told_in_one_line(replay, kept):
+def test_what_is_not_as_it_was_is_told_in_one_line(replay, cell_folder):
     change(
-        kept,
+        cell_folder,
         "part",
         "seed",
         0,
@@ -111,9 +111,9 @@ def test_what_is_not_as_it_was_is_told_in_one_line(replay, kept):
         processor="Z80",
         commit="a" * 40,
     )
-    said = replay(kept.name, "1")
-    assert said.code == 0
-    (line,) = (line for line in said.out.splitlines() if line.startswith("not as it was then: "))
+    ended = replay(cell_folder.name, "1")
+    assert ended.code == 0
+    (line,) = (line for line in ended.out.splitlines() if line.startswith("not as it was then: "))
     assert "python" not in line
     assert all(
         text in line
@@ -126,12 +126,12 @@ def test_what_is_not_as_it_was_is_told_in_one_line(replay, kept):
     )
 
 
-def test_a_crashed_trial_is_run_only_by_force(replay, kept):
-    change(kept, "part", "status", 0, "crashed")
-    said = replay(kept.name, "0")
-    assert (said.code, said.out) == (2, "")
-    assert "--force" in said.err
-    forced = replay(kept.name, "0", "--force")
+def test_a_crashed_trial_is_run_only_by_force(replay, cell_folder):
+    change(cell_folder, "part", "status", 0, "crashed")
+    ended = replay(cell_folder.name, "0")
+    assert (ended.code, ended.out) == (2, "")
+    assert "--force" in ended.err
+    forced = replay(cell_folder.name, "0", "--force")
     assert forced.code == 3
     assert "status: 'crashed', now 'ok'" in forced.out
 
@@ -142,12 +142,13 @@ def test_a_failed_trial_must_fail_the_same_way(replay, ran, tmp_path, monkeypatc
 
     monkeypatch.setattr(trials, "simulate_and_judge", unlucky)
     cell = ran[0]
-    batch, folder = run_trials(cell.config, [0]), tmp_path / "outputs" / "results" / cell.id
+    batch = run_trials(cell.config, [0])
+    folder = tmp_path / "outputs" / "results" / cell.id
     results.write_rows(folder, batch.rows, {"config": cell.config, **RUN})
-    said = replay(cell.id, "0")
-    assert (said.code, said.err) == (0, "")
-    assert ": error, " in said.out
-    assert said.out.endswith("no picture: it has no path\n")
+    ended = replay(cell.id, "0")
+    assert (ended.code, ended.err) == (0, "")
+    assert ": error, " in ended.out
+    assert ended.out.endswith("no picture: it has no path\n")
     assert len(files_in(folder)) == 1
     change(folder, "part", "error", 0, "another one")
     again = replay(cell.id, "0")
@@ -158,21 +159,22 @@ def test_a_failed_trial_must_fail_the_same_way(replay, ran, tmp_path, monkeypatc
 def test_code_named_in_a_results_folder_is_looked_for_where_the_user_says_and_nowhere_else(
     replay, tmp_path, ran
 ):
-    mine, flag = tmp_path / "mine", tmp_path / "imported"
+    mine = tmp_path / "mine"
+    flag = tmp_path / "imported"
     mine.mkdir()
     for folder in (mine, tmp_path):
         (folder / "planted_part.py").write_text(f"open({str(flag)!r}, 'w').close()\n")
     cell = Cell(compose(*SMALL) | {"controller": {"_target_": "planted_part.Part"}})
-    told = RUN | {
+    source = RUN | {
         "command": ["mppi-belief", "run", "--config-dir", str(mine)],
         "import_paths": [str(mine)],
     }
     results.write_rows(
-        tmp_path / "outputs" / "results" / cell.id, ran[1].rows, {"config": cell.config, **told}
+        tmp_path / "outputs" / "results" / cell.id, ran[1].rows, {"config": cell.config, **source}
     )
-    said = replay(cell.id, "0")
-    assert said.code == 2
-    assert "of a module in a --config-dir folder" in said.err
+    ended = replay(cell.id, "0")
+    assert ended.code == 2
+    assert "of a module in a --config-dir folder" in ended.err
     assert not flag.exists()
     assert replay(cell.id, "0", "--config-dir", str(mine)).code == 2  # it has no Part
     assert flag.exists()
@@ -191,24 +193,26 @@ BAD = {
 
 
 @pytest.mark.parametrize("line", BAD)
-def test_bad_input_is_one_line(line, replay, kept):
-    said = replay(*line.replace("CELL", kept.name).split())
-    assert (said.code, said.out, said.err.count("\n")) == (2, "", 1)
-    assert BAD[line] in said.err
+def test_bad_input_is_one_line(line, replay, cell_folder):
+    ended = replay(*line.replace("CELL", cell_folder.name).split())
+    assert (ended.code, ended.out, ended.err.count("\n")) == (2, "", 1)
+    assert BAD[line] in ended.err
 
 
 @pytest.mark.parametrize("key", ["platform", "seed"])
-def test_a_configuration_that_is_not_the_cells_is_not_run(key, replay, kept, ran):
+def test_a_configuration_that_is_not_the_cells_is_not_run(key, replay, cell_folder, ran):
     config = {name: value for name, value in ran[0].config.items() if name != key}
-    change(kept, "part", "seed", 0, 0, config=config | ({"seed": 4} if key == "seed" else {}))
-    said = replay(kept.name, "0")
-    assert (said.code, said.out) == (2, "")
-    assert ("not that of this cell" if key == "seed" else "says nothing of 'platform'") in said.err
+    change(
+        cell_folder, "part", "seed", 0, 0, config=config | ({"seed": 4} if key == "seed" else {})
+    )
+    ended = replay(cell_folder.name, "0")
+    assert (ended.code, ended.out) == (2, "")
+    assert ("not that of this cell" if key == "seed" else "says nothing of 'platform'") in ended.err
 
 
 def test_distances_in_ulp():
-    one = np.float32(1.0)
-    assert ulps(1.0, float(np.nextafter(one, np.float32(2))), "float32") == 1
+    unit = np.float32(1.0)
+    assert ulps(1.0, float(np.nextafter(unit, np.float32(2))), "float32") == 1
     assert ulps(1.0, float(np.nextafter(1.0, 2)), "float64") == 1
     assert ulps(-5e-324, 5e-324, "float64") == 2
     assert ulps(2.0, 1.0, "float32") == 2**23
@@ -218,7 +222,7 @@ def test_distances_in_ulp():
 
 def test_differences_are_of_bits():
     def named(then: dict[str, Any], now: dict[str, Any]) -> list[str]:
-        return [one.name for one in differences(then, now, [], [], "float32")]
+        return [difference.name for difference in differences(then, now, [], [], "float32")]
 
     assert named(row(0, cost=math.nan, theta=1), row(0, cost=math.nan, theta=1.0)) == []
     assert named(row(0, cost=0.0), row(0, cost=-0.0)) == ["cost"]
@@ -242,8 +246,13 @@ def test_differences_are_of_bits():
     moved = step | {"step": 1, "state": np.array([0.0, 5e-324]), "cov": np.zeros(3)}
     path = [step, step | {"step": 1}]
     assert differences({}, {}, path, [step, step], "float64") == []
-    (one,) = differences({}, {}, path, [step, step | {"state": moved["state"]}], "float64")
-    assert (one.name, one.location, one.ulp, one.values) == ("state", "step 1, component 1", 1, 1)
+    (difference,) = differences({}, {}, path, [step, step | {"state": moved["state"]}], "float64")
+    assert (difference.name, difference.location, difference.ulp, difference.values) == (
+        "state",
+        "step 1, component 1",
+        1,
+        1,
+    )
     assert [d.name for d in differences({}, {}, [step], [moved], "float64")] == ["state", "cov"]
     assert [d.name for d in differences({}, {}, [step], [step, moved], "float64")] == [
         "steps of the path"

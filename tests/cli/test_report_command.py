@@ -74,8 +74,9 @@ def source(**changes: Any) -> dict[str, Any]:
 
 def fill(root: Path, *args: str, n: int = 12, **changes: Any) -> list[Cell]:
     """Results of every cell of a study, as its run leaves them but for the pictures."""
-    made, rng = cells(*args), np.random.default_rng(1)
-    for cell in made:
+    filled = cells(*args)
+    rng = np.random.default_rng(1)
+    for cell in filled:
         folder = store_results(
             root,
             cell,
@@ -84,7 +85,7 @@ def fill(root: Path, *args: str, n: int = 12, **changes: Any) -> list[Cell]:
             source(**changes),
         )
         assert folder.is_dir()
-    return made
+    return filled
 
 
 @pytest.fixture
@@ -98,23 +99,23 @@ def folder(tmp_path) -> Path:
 
 
 def test_complete_results_become_a_page_and_tables(report, root, folder):
-    made = fill(root, *TABLE_1)
-    said = report(*TABLE_1)
-    assert (said.code, said.err) == (0, "")
-    assert said.out.endswith("report: outputs/report/index.html\n")
-    assert "missing" not in said.out
+    filled = fill(root, *TABLE_1)
+    ended = report(*TABLE_1)
+    assert (ended.code, ended.err) == (0, "")
+    assert ended.out.endswith("report: outputs/report/index.html\n")
+    assert "missing" not in ended.out
     assert set(FILES) <= set(files_in(folder))
     table = pd.read_csv(folder / "table_1.csv")
     costs = [
         pd.concat(map(pd.read_parquet, (root / cell.id).glob("*.parquet")))["cost"].mean()
-        for cell in made
+        for cell in filled
     ]
     np.testing.assert_allclose(table["cost"], costs, rtol=1e-12)
     assert table["controller"].tolist() == ["belief", "ce", "pipf", "ilqg"]
     page = (folder / "index.html").read_text()
     for name, cost in zip(("MPPI-Belief", "CE-MPPI", "PIPF", "EKF-iLQG"), costs, strict=True):
         for text in (
-            said.out,
+            ended.out,
             page,
             (folder / "table_1.tex").read_text(),
             (folder / "table_1.md").read_text(),
@@ -126,11 +127,11 @@ def test_complete_results_become_a_page_and_tables(report, root, folder):
 
 
 def test_a_run_is_read_and_nothing_is_run_or_changed(report, root):
-    made = fill(root, *TABLE_1)
+    filled = fill(root, *TABLE_1)
     before = {path: path.stat().st_mtime_ns for path in root.rglob("*")}
     report(*TABLE_1)
     assert {path: path.stat().st_mtime_ns for path in root.rglob("*")} == before
-    assert len(made) == 4
+    assert len(filled) == 4
 
 
 def test_a_second_call_writes_the_same_bytes(report, root, folder):
@@ -161,11 +162,11 @@ def test_missing_cells_and_trials_are_told_with_the_command_that_runs_them(repor
     rng = np.random.default_rng(1)
     store_results(root, first, random_trials(rng, range(12), 0.0, 50.0))
     store_results(root, second, random_trials(rng, range(3, 12), 0.0, 50.0))
-    said = report(*TABLE_1)
-    assert (said.code, said.err) == (3, "")
-    missing, where = said.out.splitlines()[-2:]
-    told, _, line = missing.partition("; ")
-    assert told == "missing: 27 trials in 3 of 4 cells of table_1"
+    ended = report(*TABLE_1)
+    assert (ended.code, ended.err) == (3, "")
+    missing, where = ended.out.splitlines()[-2:]
+    sentence, _, line = missing.partition("; ")
+    assert sentence == "missing: 27 trials in 3 of 4 cells of table_1"
     assert sorted(line.split()) == sorted(["mppi-belief", "run", *TABLE_1])
     assert where == "report: outputs/report/index.html"
     assert set(FILES) <= set(files_in(folder))
@@ -174,9 +175,9 @@ def test_missing_cells_and_trials_are_told_with_the_command_that_runs_them(repor
 
 
 def test_without_any_results_there_is_a_page_that_says_so(report, folder):
-    said = report(*TABLE_1)
-    assert (said.code, said.err) == (3, "")
-    assert "missing: 48 trials in 4 of 4 cells of table_1" in said.out
+    ended = report(*TABLE_1)
+    assert (ended.code, ended.err) == (3, "")
+    assert "missing: 48 trials in 4 of 4 cells of table_1" in ended.out
     assert files_in(folder) == ["index.html"]
 
 
@@ -191,8 +192,8 @@ def test_failed_trials_are_not_missing(report, root, folder):
                 failed_trial(11),
             ],
         )
-    said = report(*TABLE_1)
-    assert (said.code, said.err) == (0, "")
+    ended = report(*TABLE_1)
+    assert (ended.code, ended.err) == (0, "")
     assert pd.read_csv(folder / "table_1.csv")["failed"].tolist() == [2] * 4
     assert "8 trials failed" in (folder / "index.html").read_text()
 
@@ -200,8 +201,8 @@ def test_failed_trials_are_not_missing(report, root, folder):
 def test_cells_whose_trials_all_failed_do_not_stop_it(report, root, folder):
     for cell in cells(*TABLE_1):
         store_results(root, cell, [failed_trial(trial) for trial in range(12)])
-    said = report(*TABLE_1)
-    assert (said.code, said.err) == (0, "")
+    ended = report(*TABLE_1)
+    assert (ended.code, ended.err) == (0, "")
     assert "48 trials failed" in (folder / "index.html").read_text()
 
 
@@ -214,9 +215,9 @@ def test_the_command_that_is_told_runs_the_missing_trials_of_these_settings(
         f"results_dir={tmp_path / 'my results'}",
         "cost.goal=[7, 1, 0, 0]",
     ]
-    said = report("experiment=reference_scenario", *settings)
-    assert said.code == 3
-    (line,) = [line for line in said.out.splitlines() if line.startswith("missing")]
+    ended = report("experiment=reference_scenario", *settings)
+    assert ended.code == 3
+    (line,) = [line for line in ended.out.splitlines() if line.startswith("missing")]
     word, command, *args = shlex.split(line.partition("; ")[2])
     assert (word, command) == ("mppi-belief", "run")
     assert sorted(args) == sorted(["experiment=reference_scenario", *settings])
@@ -224,8 +225,8 @@ def test_the_command_that_is_told_runs_the_missing_trials_of_these_settings(
 
 def spoil(folder: Path) -> list[str]:
     """Files that are none of ours or no longer whole, and their names."""
-    (whole, *_) = sorted(folder.glob("part-*.parquet"))
-    (folder / "part-torn.parquet").write_bytes(whole.read_bytes()[:-30])
+    (part, *_) = sorted(folder.glob("part-*.parquet"))
+    (folder / "part-torn.parquet").write_bytes(part.read_bytes()[:-30])
     (folder / "part-empty.parquet").touch()
     pq.write_table(pa.table({"trial": [0], "note": ["not ours"]}), folder / "part-foreign.parquet")
     (folder / "paths-noise.parquet").write_bytes(b"PAR1" + bytes(range(256)) + b"PAR1")
@@ -243,16 +244,16 @@ def test_files_that_cannot_be_read_are_named_once_and_skipped(report, root, fold
     clean = report(*TABLE_1)
     (cell, *_) = cells(*TABLE_1)
     names = spoil(root / cell.id)
-    said = report("experiment=table_1,theta_sweep", "n_trials=12")
-    assert (said.code, said.err) == (0, "")
+    ended = report("experiment=table_1,theta_sweep", "n_trials=12")
+    assert (ended.code, ended.err) == (0, "")
     page = (folder / "index.html").read_text()
     for name in names:
-        (line,) = [line for line in said.out.splitlines() if name in line]
+        (line,) = [line for line in ended.out.splitlines() if name in line]
         assert cell.id in line
         assert "left out" in line
         assert page.count(f"{cell.id}/{name}") == 1
-    assert said.out.startswith(clean.out.partition("report: ")[0])
-    assert "Traceback" not in said.out
+    assert ended.out.startswith(clean.out.partition("report: ")[0])
+    assert "Traceback" not in ended.out
 
 
 def test_small_files_that_are_torn_do_not_stop_it(report, root, folder):
@@ -261,8 +262,8 @@ def test_small_files_that_are_torn_do_not_stop_it(report, root, folder):
     for name in ("timing", "scene", f"recording-{TRIAL}"):
         path = root / cell.id / f"{name}.json"
         path.write_text(path.read_text()[:-5])
-    said = report(*TABLE_1)
-    assert (said.code, said.err) == (0, "")
+    ended = report(*TABLE_1)
+    assert (ended.code, ended.err) == (0, "")
     assert set(FILES) <= set(files_in(folder))
     assert pd.read_csv(folder / "table_1.csv")["time"].isna().tolist() == [
         True,
@@ -295,39 +296,39 @@ BAD = [
 
 @pytest.mark.parametrize("line", BAD)
 def test_bad_input_is_one_line_and_exit_code_2_and_leaves_no_trace(line, report, tmp_path):
-    said = report(*shlex.split(line))
-    assert (said.code, said.out) == (2, "")
-    assert re.fullmatch(r"mppi-belief: \S.*\n", said.err)
+    ended = report(*shlex.split(line))
+    assert (ended.code, ended.out) == (2, "")
+    assert re.fullmatch(r"mppi-belief: \S.*\n", ended.err)
     assert files_in(tmp_path) == []
 
 
 def test_an_unknown_study_is_told_with_those_there_are(report):
-    said = report("experiment=tabel_1")
-    assert "table_1" in said.err
-    assert "theta_sweep" in said.err
+    ended = report("experiment=tabel_1")
+    assert "table_1" in ended.err
+    assert "theta_sweep" in ended.err
 
 
 def test_a_folder_that_cannot_be_written_is_exit_code_74(report, root, tmp_path):
     fill(root, *TABLE_1)
     (tmp_path / "taken").write_text("a file")
-    said = report(*TABLE_1, "report_dir=taken")
-    assert said.code == 74
-    assert re.fullmatch(r"mppi-belief: cannot write \S.*taken.*\n", said.err)
+    ended = report(*TABLE_1, "report_dir=taken")
+    assert ended.code == 74
+    assert re.fullmatch(r"mppi-belief: cannot write \S.*taken.*\n", ended.err)
     assert (tmp_path / "taken").read_text() == "a file"
 
 
 def test_help_names_studies_and_exit_codes(report, tmp_path):
     for flag in ("--help", "-h"):
-        said = report(flag)
-        assert (said.code, said.err) == (0, "")
-        assert all(name in said.out for name in STUDIES)
-        assert all(re.search(rf"\b{code}\b", said.out) for code in (0, 2, 3, 74))
+        ended = report(flag)
+        assert (ended.code, ended.err) == (0, "")
+        assert all(name in ended.out for name in STUDIES)
+        assert all(re.search(rf"\b{code}\b", ended.out) for code in (0, 2, 3, 74))
     assert files_in(tmp_path) == []
 
 
 def test_flags_that_only_print_do_not_end_in_a_traceback(report, tmp_path):
-    said = report("experiment=table_1", "--cfg", "job")
-    assert said.code in (0, 2)
+    ended = report("experiment=table_1", "--cfg", "job")
+    assert ended.code in (0, 2)
     assert files_in(tmp_path) == []
 
 
@@ -339,8 +340,8 @@ for args in (["--help"], {TABLE_1}):
     sys.argv = ["mppi-belief", "report", *args]
     print("ended", main(), "jax" in sys.modules)
 """
-    said = python(code, tmp_path).splitlines()
-    assert [line for line in said if line.startswith("ended")] == ["ended 0 False"] * 2
+    ended = python(code, tmp_path).splitlines()
+    assert [line for line in ended if line.startswith("ended")] == ["ended 0 False"] * 2
 
 
 def test_a_study_of_a_users_own_has_a_section(report, root, folder, tmp_path):
@@ -349,16 +350,16 @@ def test_a_study_of_a_users_own_has_a_section(report, root, folder, tmp_path):
         "# @package _global_\nhydra:\n  mode: MULTIRUN\n  sweeper:\n    params:\n      seed: 4,5\n"
     )
     study = ["--config-dir", str(tmp_path / "mine"), "experiment=two_seeds", "n_trials=12"]
-    said = report(*study)
-    assert (said.code, said.err) == (3, "")
-    missing, _, command = said.out.splitlines()[-2].partition("; ")
+    ended = report(*study)
+    assert (ended.code, ended.err) == (3, "")
+    missing, _, command = ended.out.splitlines()[-2].partition("; ")
     assert missing == "missing: 24 trials in 2 of 2 cells of two_seeds"
     assert [cell.id for cell in fill(root, *study)] == [
         cell.id for cell in cells(*shlex.split(command)[2:])
     ]
-    said = report(*study)
-    assert (said.code, said.err) == (0, "")
-    assert report(*study[2:], *study[:2]) == said
+    ended = report(*study)
+    assert (ended.code, ended.err) == (0, "")
+    assert report(*study[2:], *study[:2]) == ended
     assert files_in(folder) == ["index.html", "two_seeds.csv", "two_seeds.md"]
     assert pd.read_csv(folder / "two_seeds.csv")["seed"].tolist() == [4, 5]
     page = (folder / "index.html").read_text()
@@ -374,9 +375,9 @@ def test_another_folder_and_other_settings_are_obeyed(report, tmp_path):
         "results_dir=elsewhere/results",
     ]
     fill(tmp_path / "elsewhere" / "results", *settings, n=6)
-    said = report(*settings, "report_dir=elsewhere/report")
-    assert (said.code, said.err) == (0, "")
-    assert said.out.endswith("report: elsewhere/report/index.html\n")
+    ended = report(*settings, "report_dir=elsewhere/report")
+    assert (ended.code, ended.err) == (0, "")
+    assert ended.out.endswith("report: elsewhere/report/index.html\n")
     assert files_in(tmp_path) == ["elsewhere"]
     assert (
         pd.read_csv(tmp_path / "elsewhere" / "report" / "reference_scenario.csv")["trials"].tolist()

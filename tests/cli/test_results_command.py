@@ -28,7 +28,8 @@ from report_helpers import cell_of, failed_trial, store_pictured, store_results
 from results_helpers import EXTREMES, bits
 from study_helpers import row
 
-CELL, OTHER = cell_of(theta=1.0), cell_of("ce", theta=0.0)
+CELL = cell_of(theta=1.0)
+OTHER = cell_of("ce", theta=0.0)
 
 
 def source(**changes: Any) -> dict[str, Any]:
@@ -37,24 +38,24 @@ def source(**changes: Any) -> dict[str, Any]:
         "started": "2025-01-01T10:00:00+00:00",
         "elapsed": 60.0,
     }
-    made = {
+    measured = {
         "commit": "4a7f400c0ffee",
         "dirty": False,
         "algorithm": ALGORITHM_VERSION,
         "processor": "Z80",
     }
-    return run | made | {"versions": {"jaxlib": "0.7.1", "mppi-belief": "0.1.0"}} | changes
+    return run | measured | {"versions": {"jaxlib": "0.7.1", "mppi-belief": "0.1.0"}} | changes
 
 
 def rows_of(cell: Cell, n: int, first: int = 0, **values: Any) -> list[dict[str, Any]]:
     """Rows as the cell's trials leave them."""
     group = cell.config["controller"], cell.config["cost"]
-    told = {
+    values_of_run = {
         "theta": group[0]["theta"],
         "w_obs": group[1]["w_obs"],
         "controller": cell.config["names"]["controller"],
     }
-    return [row(trial, **told, **values) for trial in range(first, first + n)]
+    return [row(trial, **values_of_run, **values) for trial in range(first, first + n)]
 
 
 @pytest.fixture
@@ -76,9 +77,9 @@ def cell(root) -> Path:
     return folder
 
 
-def lines(said: Said) -> list[str]:
-    assert said.code == 0, said.err
-    return said.out.splitlines()
+def lines(ended: Said) -> list[str]:
+    assert ended.code == 0, ended.err
+    return ended.out.splitlines()
 
 
 def test_the_list_has_a_line_a_cell_with_its_statuses_settings_commit_and_age(command, cell, root):
@@ -93,20 +94,20 @@ def test_the_list_has_a_line_a_cell_with_its_statuses_settings_commit_and_age(co
         os.utime(path, (0, time.time() - 7000))
     future = time.time() + 9e6
     os.utime(next((root / OTHER.id).iterdir()), (future, future))
-    head, one, other = lines(command())
+    head, finished, superseded = lines(command())
     assert head.split()[:6] == ["cell", "ok", "crashed", "theta", "w_obs", "seed"]
-    assert one.split()[:6] == [CELL.id, "25", "-", "1", "500", "0"]
-    assert other.split()[:6] == [OTHER.id, "2", "1", "0", "500", "0"]
-    assert one.split()[6] == str(len(files_in(cell)))
-    assert one.split()[-5:] == ["kB", "2", "h", "4a7f400", str(ALGORITHM_VERSION)]
-    assert other.split()[-4:] == ["0", "s", "4a7f400+", str(ALGORITHM_VERSION)]
+    assert finished.split()[:6] == [CELL.id, "25", "-", "1", "500", "0"]
+    assert superseded.split()[:6] == [OTHER.id, "2", "1", "0", "500", "0"]
+    assert finished.split()[6] == str(len(files_in(cell)))
+    assert finished.split()[-5:] == ["kB", "2", "h", "4a7f400", str(ALGORITHM_VERSION)]
+    assert superseded.split()[-4:] == ["0", "s", "4a7f400+", str(ALGORITHM_VERSION)]
 
 
 def test_settings_that_differ_are_shown_and_those_that_do_not_are_not(command, root):
     for width in (0.1, 0.2):
-        one = cell_of(**{"cost.bump_width": width, "planner.horizon": 7})
-        made = Cell(one.config | {"system": {"width": width}})
-        store_results(root, made, rows_of(made, 1), (), source())
+        cell = cell_of(**{"cost.bump_width": width, "planner.horizon": 7})
+        widened = Cell(cell.config | {"system": {"width": width}})
+        store_results(root, widened, rows_of(widened, 1), (), source())
     head, *others = lines(command())
     assert "cost.bump_width" in head
     assert not any(name in head for name in ("planner.horizon", "precision", "note"))
@@ -126,16 +127,16 @@ def test_cells_that_no_command_of_today_finds_are_superseded_and_left_out_of_the
 def test_an_unreadable_file_is_named_and_the_rest_is_there(command, cell):
     path = min(cell.glob("part-*"))
     path.write_bytes(path.read_bytes()[:-9])
-    said = command()
-    assert (said.code, said.err.count("\n")) == (0, 1)
-    assert str(path.relative_to(cell.parents[2])) in said.err
-    assert said.out.splitlines()[1].split()[1] == "15"
-    assert "1 unreadable" in said.out
+    ended = command()
+    assert (ended.code, ended.err.count("\n")) == (0, 1)
+    assert str(path.relative_to(cell.parents[2])) in ended.err
+    assert ended.out.splitlines()[1].split()[1] == "15"
+    assert "1 unreadable" in ended.out
 
 
 def test_nothing_there_is_said(command, root, tmp_path):
-    said = command()
-    assert (said.code, said.out, said.err) == (
+    ended = command()
+    assert (ended.code, ended.out, ended.err) == (
         2,
         "",
         "mppi-belief: results_dir=outputs/results: no such folder\n",
@@ -165,10 +166,10 @@ BAD = {
 
 @pytest.mark.parametrize("line", BAD)
 def test_bad_input_is_one_line(line, command, cell):
-    said = command(*line.split())
-    assert (said.code, said.out, said.err.count("\n")) == (2, "", 1)
-    assert said.err.startswith("mppi-belief: ")
-    assert BAD[line] in said.err
+    ended = command(*line.split())
+    assert (ended.code, ended.out, ended.err.count("\n")) == (2, "", 1)
+    assert ended.err.startswith("mppi-belief: ")
+    assert BAD[line] in ended.err
 
 
 def test_a_cell_is_named_by_its_beginning_or_its_folder(command, cell, root):
@@ -195,41 +196,53 @@ def test_show_says_where_a_cell_comes_from_and_what_went_wrong(command, root):
         (),
         source(commit="b" * 40, started="2025-02-01T00:00:00+00:00"),
     )
-    said = "\n".join(lines(command("show", CELL.id)))
+    ended = "\n".join(lines(command("show", CELL.id)))
     for text in (
         "theta: 1.0",
         "trials     0..11\n",
         "trials     12..14\n",
         "command    mppi-belief run theta=1\n",
     ):
-        assert text in said
-    assert "2 error, e.g. trial 10: oh dear" in said
-    assert f"commit     {'b' * 40}\n" in said
-    assert "machine    Z80" in said
-    assert "15 (2 failed)" in said
-    assert all(name in said for name in files_in(folder))
+        assert text in ended
+    assert "2 error, e.g. trial 10: oh dear" in ended
+    assert f"commit     {'b' * 40}\n" in ended
+    assert "machine    Z80" in ended
+    assert "15 (2 failed)" in ended
+    assert all(name in ended for name in files_in(folder))
 
 
 def test_an_export_reads_back_bit_for_bit(command, root, tmp_path):
     swept = cell_of(**{"controller.horizon": 7})
-    made = [
-        one | {"cost": value}
-        for one, value in zip(rows_of(swept, len(EXTREMES)), EXTREMES, strict=True)
+    extreme_rows = [
+        row | {"cost": value}
+        for row, value in zip(rows_of(swept, len(EXTREMES)), EXTREMES, strict=True)
     ]
     store_results(
-        root, swept, [*made, failed_trial(8) | {"error": 'a "b",\nc'}], (), source(dirty=True)
+        root,
+        swept,
+        [*extreme_rows, failed_trial(8) | {"error": 'a "b",\nc'}],
+        (),
+        source(dirty=True),
     )
     store_results(root, OTHER, rows_of(OTHER, 1), (), source(commit=None))
     assert lines(command("export", "--csv", "--to", "all.csv")) == ["10 rows of 2 cells in all.csv"]
     with (tmp_path / "all.csv").open(newline="") as file:
-        found = list(csv.DictReader(file))
-    assert bits([float(one["cost"]) for one in found[:8]]) == bits(EXTREMES)
-    assert {(one["cell"], one["commit"], one["controller.horizon"]) for one in found} == {
+        exported = list(csv.DictReader(file))
+    assert bits([float(row["cost"]) for row in exported[:8]]) == bits(EXTREMES)
+    assert {(row["cell"], row["commit"], row["controller.horizon"]) for row in exported} == {
         (swept.id, "4a7f400c0ffee+", "7"),
         (OTHER.id, "0.1.0", ""),
     }
-    assert (found[8]["error"], found[8]["collided"], found[8]["cost"]) == ('a "b",\nc', "", "nan")
-    assert (found[0]["error"], found[0]["collided"], found[0]["steps"]) == ("", "False", "3")
+    assert (exported[8]["error"], exported[8]["collided"], exported[8]["cost"]) == (
+        'a "b",\nc',
+        "",
+        "nan",
+    )
+    assert (exported[0]["error"], exported[0]["collided"], exported[0]["steps"]) == (
+        "",
+        "False",
+        "3",
+    )
     assert command("export").out == (tmp_path / "all.csv").read_text()
     frame = pd.read_csv(io.StringIO(command("export").out))
     assert frame["trial"].tolist() == [*range(9), 0]
@@ -239,9 +252,9 @@ def test_an_export_that_cannot_be_written_is_exit_code_74(command, cell):
     assert command("export", "--to", "/dev/null/all.csv").code == 74
 
 
-def merged(said: Said) -> list[str]:
-    assert (said.code, said.err) == (0, "")
-    return said.out.splitlines()
+def merged(ended: Said) -> list[str]:
+    assert (ended.code, ended.err) == (0, "")
+    return ended.out.splitlines()
 
 
 def test_compaction_keeps_every_result_and_every_source(command, cell):
@@ -250,11 +263,13 @@ def test_compaction_keeps_every_result_and_every_source(command, cell):
     store_results(
         cell.parent, CELL, rows_of(CELL, 5, first=30, **{"planner.horizon": 7}), (), later
     )
-    before, paths = read_rows(cell), read_cell(cell).steps
-    told = merged(command("compact"))
-    assert told[-1].startswith("1 cells: 10 files, ")
-    assert "-> 6 files" in told[-1]
-    (part,), (steps,) = cell.glob("part-*"), cell.glob("paths-*")
+    before = read_rows(cell)
+    paths = read_cell(cell).steps
+    messages = merged(command("compact"))
+    assert messages[-1].startswith("1 cells: 10 files, ")
+    assert "-> 6 files" in messages[-1]
+    (part,) = cell.glob("part-*")
+    (steps,) = cell.glob("paths-*")
     assert results.result_hash(read_rows(cell)) == results.result_hash(before)
     assert read_cell(cell).steps.equals(paths)
     assert pq.read_table(part)["planner.horizon"].to_pylist() == [None] * 25 + [7] * 5
@@ -279,8 +294,8 @@ def test_compaction_takes_the_longest_time_of_a_run_and_lets_go_of_failed_rows(c
     about, table = results.read_table(part)
     assert table["trial"].to_pylist() == [*range(11), 20, 21, 22]
     assert set(table["status"].to_pylist()) == {"ok"}
-    told = [(one["trials"], one["elapsed"], one["commit"]) for one in about["sources"]]
-    assert told == [([[0, 8], [20, 22]], 9.0, "4a7f400c0ffee"), ([[9, 10]], 1.0, "b")]
+    sources = [(run["trials"], run["elapsed"], run["commit"]) for run in about["sources"]]
+    assert sources == [([[0, 8], [20, 22]], 9.0, "4a7f400c0ffee"), ([[9, 10]], 1.0, "b")]
 
 
 @pytest.mark.parametrize("stops", range(4))
@@ -288,8 +303,10 @@ def test_compaction_that_is_killed_while_it_removes_loses_nothing(
     stops, command, cell, monkeypatch
 ):
     store_pictured(cell, 4)
-    before, paths = results.result_hash(read_rows(cell)), read_cell(cell).steps
-    unlink, removed = Path.unlink, []
+    before = results.result_hash(read_rows(cell))
+    paths = read_cell(cell).steps
+    unlink = Path.unlink
+    removed = []
 
     def killed(path: Path, missing_ok: bool = False) -> None:
         if path.suffix == ".parquet" and not path.name.startswith(files.TEMPORARY):
@@ -322,7 +339,8 @@ def test_what_a_run_writes_during_a_compaction_stays(command, cell, monkeypatch)
 
 
 def test_a_reader_sees_every_row_while_files_are_merged(cell, monkeypatch):
-    before, read = results.result_hash(read_rows(cell)), results.read_table
+    before = results.result_hash(read_rows(cell))
+    read = results.read_table
     calls: list[Path] = []
 
     def and_a_compaction(path: Path) -> Any:
@@ -340,14 +358,15 @@ def test_a_reader_sees_every_row_while_files_are_merged(cell, monkeypatch):
 def test_a_file_that_does_not_read_back_removes_nothing(command, cell, monkeypatch):
     before = files_in(cell)
     monkeypatch.setattr(compaction, "result_hash", lambda rows: str(id(rows)))
-    said = command("compact")
-    assert said.code == 74
-    assert "nothing was removed" in said.err
+    ended = command("compact")
+    assert ended.code == 74
+    assert "nothing was removed" in ended.err
     assert set(before) <= set(files_in(cell))
 
 
 def test_leftovers_of_killed_writers_go_after_an_hour(command, cell):
-    old, new = cell / f"{files.TEMPORARY}a-part", cell / f"{files.TEMPORARY}b-part"
+    old = cell / f"{files.TEMPORARY}a-part"
+    new = cell / f"{files.TEMPORARY}b-part"
     for path in (old, new):
         path.write_bytes(b"PAR1")
     os.utime(old, (0, time.time() - 3700))
@@ -361,11 +380,11 @@ def test_what_cannot_be_read_or_contradicts_itself_is_left_as_it_is(command, cel
     store_results(root, OTHER, rows_of(OTHER, 3), (), source())
     store_results(root, OTHER, rows_of(OTHER, 2, cost=4.0), (), source())
     before = files_in(root / OTHER.id)
-    said = command("compact")
-    assert said.code == 0
+    ended = command("compact")
+    assert ended.code == 0
     assert torn.exists()
-    assert "part-torn.parquet" in said.err
-    assert "left as it is: trials 0: two rows that differ" in said.err
+    assert "part-torn.parquet" in ended.err
+    assert "left as it is: trials 0: two rows that differ" in ended.err
     assert files_in(root / OTHER.id) == before
 
 
@@ -380,17 +399,17 @@ def rewritten(path: Path, change: Callable[[pa.Table], pa.Table]) -> None:
 
 def with_column(name: str, value: Any) -> Callable[[pa.Table], pa.Table]:
     def change(table: pa.Table) -> pa.Table:
-        at = table.column_names.index(name)
+        column = table.column_names.index(name)
         return table.set_column(
-            at, name, pa.array([value] * len(table), table.schema.field(name).type)
+            column, name, pa.array([value] * len(table), table.schema.field(name).type)
         )
 
     return change
 
 
-def flip(path: Path, at: int | bytes) -> None:
+def flip(path: Path, target: int | bytes) -> None:
     content = bytearray(path.read_bytes())
-    content[at if isinstance(at, int) else content.rindex(at)] ^= 1
+    content[target if isinstance(target, int) else content.rindex(target)] ^= 1
     path.write_bytes(content)
 
 
@@ -461,13 +480,13 @@ def test_verify_finds_what_is_broken(what, command, cell):
     )
     change, expected = BREAKS[what]
     change(cell)
-    said = command("verify", CELL.id)
-    assert said.code == 3
+    ended = command("verify", CELL.id)
+    assert ended.code == 3
     assert any(
         expected in line and line.startswith("outputs/results/belief-")
-        for line in said.out.splitlines()
+        for line in ended.out.splitlines()
     )
-    assert "problem" in said.out.splitlines()[-1]
+    assert "problem" in ended.out.splitlines()[-1]
 
 
 def test_what_may_be_there_twice_is_no_problem(command, cell):
@@ -508,10 +527,10 @@ def test_completion_of_commands_and_cells(cell, tmp_path, capsys):
         "mppi-belief replay ": [cell.name, "results_dir="],
         "mppi-belief replay results_dir=nowhere b": [],
     }.items():
-        said = call(
+        ended = call(
             tmp_path, capsys, "-sc", "query=bash", COMP_LINE=line, COMP_POINT=str(len(line))
         )
-        assert (said.code, said.err, said.out.split()) == (0, "", expected)
+        assert (ended.code, ended.err, ended.out.split()) == (0, "", expected)
 
 
 def test_numbers_that_are_not_there_are_not_the_same_as_others():

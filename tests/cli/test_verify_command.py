@@ -32,7 +32,7 @@ def verify(tmp_path, capsys) -> Callable[..., Said]:
     return lambda *args: call(tmp_path, capsys, "verify", *args)
 
 
-def made(name: str, value: float = 0.0) -> Certificate:
+def certificate(name: str, value: float = 0.0) -> Certificate:
     return Certificate(name, f"Statement of {name}", "", [at_most("x", value, 1.0, "")])
 
 
@@ -47,7 +47,7 @@ def instant(monkeypatch) -> list[tuple]:
         calls.append((tuple(names), seed, workers))
         for name in reversed(names):
             yield compute.CertificateOutcome(
-                name, made(name, 2.0 if seed == 13 and name == names[-1] else 0.0), "", 0.5
+                name, certificate(name, 2.0 if seed == 13 and name == names[-1] else 0.0), "", 0.5
             )
 
     monkeypatch.setattr(certify_on_pool, "certify_all", certify_all)
@@ -55,16 +55,16 @@ def instant(monkeypatch) -> list[tuple]:
 
 
 def test_help_names_every_certificate(verify):
-    said = verify("--help")
-    assert said.code == 0
-    assert all(name in said.out for name in CERTIFICATE_NAMES)
+    ended = verify("--help")
+    assert ended.code == 0
+    assert all(name in ended.out for name in CERTIFICATE_NAMES)
 
 
 def test_all_of_them_by_default(verify, instant, tmp_path):
-    said = verify("seed=5", "workers=3")
-    assert (said.code, instant) == (0, [(CERTIFICATE_NAMES, 5, 3)])
-    assert f"{len(CERTIFICATE_NAMES)} of {len(CERTIFICATE_NAMES)} certificates hold" in said.out
-    assert [line for line in said.out.splitlines() if line.startswith("Statement of")] == [
+    ended = verify("seed=5", "workers=3")
+    assert (ended.code, instant) == (0, [(CERTIFICATE_NAMES, 5, 3)])
+    assert f"{len(CERTIFICATE_NAMES)} of {len(CERTIFICATE_NAMES)} certificates hold" in ended.out
+    assert [line for line in ended.out.splitlines() if line.startswith("Statement of")] == [
         f"Statement of {name}  (0.5 s)" for name in CERTIFICATE_NAMES
     ]
     assert {f"{name}.json" for name in CERTIFICATE_NAMES} <= set(
@@ -73,20 +73,21 @@ def test_all_of_them_by_default(verify, instant, tmp_path):
 
 
 def test_one_that_does_not_hold_is_exit_1(verify, instant):
-    said = verify("seed=13")
-    assert said.code == 1
-    assert said.out.count("FAILS") == 1
+    ended = verify("seed=13")
+    assert ended.code == 1
+    assert ended.out.count("FAILS") == 1
 
 
 def test_some_of_them_leave_the_others_alone(verify, instant, tmp_path):
     verify("verify_dir=here")
     before = (tmp_path / "here" / "cole_hopf.json").read_bytes()
-    said = verify("feynman_kac", "affine_observations", "seed=13", "verify_dir=here")
-    assert said.code == 1
+    ended = verify("feynman_kac", "affine_observations", "seed=13", "verify_dir=here")
+    assert ended.code == 1
     assert instant[-1][0] == ("feynman_kac", "affine_observations")
     assert (tmp_path / "here" / "cole_hopf.json").read_bytes() == before
     assert {
-        one.certificate.name: one.source["seed"] for one in load_certificates(tmp_path / "here")
+        stored.certificate.name: stored.source["seed"]
+        for stored in load_certificates(tmp_path / "here")
     } == {name: 13 if name in instant[-1][0] else 0 for name in CERTIFICATE_NAMES}
 
 
@@ -112,10 +113,10 @@ def test_some_of_them_leave_the_others_alone(verify, instant, tmp_path):
     ],
 )
 def test_a_mistake_is_one_line(verify, instant, args, complaint):
-    said = verify(*args)
-    assert said.code == 2
-    assert said.err.startswith(f"mppi-belief: {complaint}")
-    assert said.err.count("\n") == 1
+    ended = verify(*args)
+    assert ended.code == 2
+    assert ended.err.startswith(f"mppi-belief: {complaint}")
+    assert ended.err.count("\n") == 1
     assert not instant
 
 
@@ -129,14 +130,14 @@ def test_a_keyboard_interrupt_is_exit_130(verify, monkeypatch):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(certify_on_pool, "certify_all", stopped)
-    said = verify()
-    assert (said.code, said.err.splitlines()[-1]) == (130, "mppi-belief: stopped")
+    ended = verify()
+    assert (ended.code, ended.err.splitlines()[-1]) == (130, "mppi-belief: stopped")
 
 
 def test_a_real_one_in_a_process_of_its_own(verify, tmp_path):
-    said = verify(CHEAP)
-    assert said.code == 0, said.out + said.err
-    assert said.out.startswith("Proposition 3")
+    ended = verify(CHEAP)
+    assert ended.code == 0, ended.out + ended.err
+    assert ended.out.startswith("Proposition 3")
     stored = json.loads((tmp_path / "outputs" / "verify" / f"{CHEAP}.json").read_text())
     assert stored["source"]["command"] == ["mppi-belief", "verify", CHEAP]
     assert stored["source"]["versions"]["jax"]
@@ -182,13 +183,13 @@ def test_what_could_not_be_computed_leaves_what_was_stored(verify, instant, tmp_
 
     def certify_all(names, *rest) -> Iterator[compute.CertificateOutcome]:
         yield compute.CertificateOutcome("cole_hopf", None, "ValueError: no", 0.1)
-        yield compute.CertificateOutcome("feynman_kac", made("feynman_kac"), "", 0.1)
+        yield compute.CertificateOutcome("feynman_kac", certificate("feynman_kac"), "", 0.1)
 
     monkeypatch.setattr(certify_on_pool, "certify_all", certify_all)
-    said = verify("cole_hopf", "feynman_kac", "verify_dir=here")
-    assert said.code == 1
-    assert "cole_hopf could not be computed: ValueError: no" in said.err
-    assert "1 of 1 certificates hold" in said.out
+    ended = verify("cole_hopf", "feynman_kac", "verify_dir=here")
+    assert ended.code == 1
+    assert "cole_hopf could not be computed: ValueError: no" in ended.err
+    assert "1 of 1 certificates hold" in ended.out
     assert (tmp_path / "here" / "cole_hopf.json").read_bytes() == before
 
 
@@ -198,9 +199,9 @@ def test_a_name_given_twice_is_computed_once(verify, instant):
 
 
 def test_a_question_to_hydra_is_answered(verify, instant):
-    said = verify("--cfg", "job")
-    assert (said.code, instant) == (0, [])
-    assert "controller" in said.out
+    ended = verify("--cfg", "job")
+    assert (ended.code, instant) == (0, [])
+    assert "controller" in ended.out
 
 
 def is_gone(group: int) -> bool:
@@ -233,13 +234,13 @@ def test_the_report_shows_certificates_and_says_which_are_missing(tmp_path, caps
     folder = tmp_path / "outputs" / "verify"
     for name in CERTIFICATE_NAMES[:4]:
         store_certificate(
-            folder, StoredCertificate(made(name), 0.1, {"commit": "4a7f400", "seed": 0})
+            folder, StoredCertificate(certificate(name), 0.1, {"commit": "4a7f400", "seed": 0})
         )
-    said = report(tmp_path, capsys)
-    assert said.code == 3
+    ended = report(tmp_path, capsys)
+    assert ended.code == 3
     assert (
         f"missing: {len(CERTIFICATE_NAMES) - 4} of {len(CERTIFICATE_NAMES)} certificates; "
-        "mppi-belief verify" in said.out
+        "mppi-belief verify" in ended.out
     )
     page = (tmp_path / "outputs" / "report" / "index.html").read_text()
     assert "Statement of affine_observations" in page
@@ -248,10 +249,10 @@ def test_the_report_shows_certificates_and_says_which_are_missing(tmp_path, caps
 
 def test_a_report_of_chosen_studies_is_of_those_alone(tmp_path, capsys):
     store_certificate(
-        tmp_path / "outputs" / "verify", StoredCertificate(made("cole_hopf"), 0.1, {})
+        tmp_path / "outputs" / "verify", StoredCertificate(certificate("cole_hopf"), 0.1, {})
     )
-    said = report(tmp_path, capsys, "experiment=table_1")
-    assert "certificates" not in said.out
+    ended = report(tmp_path, capsys, "experiment=table_1")
+    assert "certificates" not in ended.out
     assert "cole_hopf" not in (tmp_path / "outputs" / "report" / "index.html").read_text()
 
 

@@ -49,10 +49,10 @@ def asking(folder: Path, capsys: Any, monkeypatch: pytest.MonkeyPatch) -> Callab
     return lambda *args: call(folder, capsys, *args)
 
 
-def is_fine(said: Said) -> bool:
+def is_fine(ended: Said) -> bool:
     """Done, or refused in one line."""
-    return (said.code, said.err) == (0, "") or (
-        said.code == 2 and re.fullmatch(LINE, said.err) is not None
+    return (ended.code, ended.err) == (0, "") or (
+        ended.code == 2 and re.fullmatch(LINE, ended.err) is not None
     )
 
 
@@ -245,8 +245,8 @@ def room(tmp_path_factory) -> Path:
 @given(command=st.sampled_from(COMMANDS), words=st.lists(WORD | FLAG, min_size=1, max_size=2))
 def test_any_line_is_refused_in_one_line_or_can_be_run(command, words, room, capsys, monkeypatch):
     before = set(sys.modules)
-    said = asking(room, capsys, monkeypatch)(*command, *words)
-    assert is_fine(said), (words, said)
+    ended = asking(room, capsys, monkeypatch)(*command, *words)
+    assert is_fine(ended), (words, ended)
     assert files_in(room) == []
     assert "antigravity" not in set(sys.modules) - before
 
@@ -303,9 +303,9 @@ NONSENSE = [
 )
 def test_nonsense_is_refused(line, ask, tmp_path):
     words = line.split(" ")
-    said = ask("run", *words, *(() if "system" in line or "problem" in line else SMALL))
-    assert (said.code, said.out) == (2, "")
-    assert re.fullmatch(LINE, said.err)
+    ended = ask("run", *words, *(() if "system" in line or "problem" in line else SMALL))
+    assert (ended.code, ended.out) == (2, "")
+    assert re.fullmatch(LINE, ended.err)
     assert files_in(tmp_path) == []
 
 
@@ -353,10 +353,10 @@ def test_a_bad_yaml_is_refused_by_name(what, ask, tmp_path):
     own = tmp_path / "own" / "controller"
     own.mkdir(parents=True)
     (own / "bad.yaml").write_bytes(content)
-    said = ask("run", "--config-dir=own", "controller=bad", *SMALL)
-    assert said.code == 2, said
-    assert re.fullmatch(LINE, said.err), said.err
-    assert re.search(reason, said.err), said.err
+    ended = ask("run", "--config-dir=own", "controller=bad", *SMALL)
+    assert ended.code == 2, ended
+    assert re.fullmatch(LINE, ended.err), ended.err
+    assert re.search(reason, ended.err), ended.err
     assert files_in(tmp_path) == ["own"]
 
 
@@ -382,9 +382,9 @@ def test_a_byte_order_mark_before_the_package_is_refused(ask, tmp_path):
     (tmp_path / "own" / "experiment" / "mine.yaml").write_bytes(
         b"\xef\xbb\xbf# @package _global_\ntheta: 2\n"
     )
-    said = ask("run", "--config-dir=own", "experiment=mine")
-    assert said.code == 2
-    assert re.fullmatch(LINE, said.err)
+    ended = ask("run", "--config-dir=own", "experiment=mine")
+    assert ended.code == 2
+    assert re.fullmatch(LINE, ended.err)
 
 
 def test_a_configuration_that_makes_sense_is_accepted(ask, tmp_path):
@@ -409,6 +409,6 @@ def test_a_configuration_that_makes_sense_is_accepted(ask, tmp_path):
     ],
 )
 def test_odd_commands_are_refused(words, ask):
-    said = ask(*words)
-    assert said.code == 2
-    assert re.fullmatch(LINE, said.err)
+    ended = ask(*words)
+    assert ended.code == 2
+    assert re.fullmatch(LINE, ended.err)

@@ -155,8 +155,8 @@ def test_a_whole_number_is_the_same_however_it_is_written():
         "g": 2,
         "h": 1e300,
     }
-    made = canonical(given)
-    assert repr(made) == repr(
+    values = canonical(given)
+    assert repr(values) == repr(
         {
             "a": 0,
             "b": [1, 2.5, {"c": -3}],

@@ -36,9 +36,7 @@ class Cell(NamedTuple):
 
     @property
     def id(self) -> str:
-        """Returns the controller and a hash of all that makes the numbers of a trial; the same whoever runs
-        it.
-        """
+        """Returns the controller and a hash of everything that determines a trial's numbers."""
         identity = canonical(
             {key: self.config[key] for key in IDENTITY} | {"algorithm": ALGORITHM_VERSION}
         )

@@ -1,4 +1,4 @@
-"""What a cell is called: the options that it was composed from, and the settings that were given."""
+"""Names a cell by the options that it was composed from and the settings that were given."""
 
 import json
 import re

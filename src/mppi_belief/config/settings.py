@@ -1,8 +1,8 @@
 """The settings of a command: types and ranges of the top level of a configuration.
 
-OmegaConf checks the types while it composes, `check_settings` the ranges afterwards. Groups (system, cost,
-...) are checked where their objects are built. Imports no JAX, so that a wrong setting is reported
-before anything slow is loaded.
+OmegaConf checks the types while it composes, `check_settings` the ranges afterwards. Groups
+(system, cost, ...) are checked where their objects are built. Imports no JAX, so that a wrong
+setting is reported before anything slow is loaded.
 """
 
 import math
@@ -54,7 +54,7 @@ class Planner:
 
 @dataclass
 class Settings:
-    """Holds the top level of conf/config.yaml, which says what each setting means and its default."""
+    """Holds the top level of conf/config.yaml, which explains each setting and its default."""
 
     theta: float = ruled(Number(ge=0), MISSING)
     w_obs: float = ruled(Number(ge=0), MISSING)

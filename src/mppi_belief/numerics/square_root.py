@@ -69,8 +69,8 @@ def pivoted_cholesky(M: Array) -> Array:
 def tria(M: Array) -> Array:
     """Returns lower triangular L (n, n) with L L' = M M' for M (n, m): triangularisation.
 
-    It uses modified Gram-Schmidt on the rows. M M' is never formed, so what is small beside terms that
-    cancel keeps its digits.
+    It uses modified Gram-Schmidt on the rows. M M' is never formed, so what is small beside terms
+    that cancel keeps its digits.
     """
     rows: list[Array] = list(M)
     columns: list[Array] = []

@@ -117,7 +117,7 @@ def laplace_policy(
     factors = jnp.linalg.cholesky(temperature * optimum.inverses)
     policy = FeedbackPolicy(means[:-1], nominal + optimum.feedforward, optimum.gains, factors)
     finite = jnp.all(jnp.array([jnp.all(jnp.isfinite(part)) for part in policy]))
-    return jax.tree.map(lambda own, other: jnp.where(finite, own, other), policy, fallback)
+    return jax.tree.map(lambda value, default: jnp.where(finite, value, default), policy, fallback)
 
 
 def _finite(derivatives: Array) -> Array:

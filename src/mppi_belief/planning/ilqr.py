@@ -119,7 +119,8 @@ def lq_improvement(
     problem: Problem, cost: StateCost, policy: Policy, damping: Array | float = 0.0
 ) -> Improvement:
     """Returns the solution of the LQ problem expanded about a policy's trajectory."""
-    R, dt = problem.cost.R, problem.dt
+    R = problem.cost.R
+    dt = problem.dt
     control_gradients = jax.vmap(lambda u: R @ u * dt)(policy.controls)
     lq = expand(problem, cost, policy.states, policy.controls)
     return backward_pass(lq, control_gradients, R * dt, damping)

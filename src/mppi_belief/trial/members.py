@@ -1,6 +1,7 @@
 """The members that a problem's system, cost and obstacles must have, by name.
 
-Messages give a member the name that its key has in a configuration: "system.f" is `problem.system.f`.
+Messages give a member the name that its key has in a configuration: "system.f" is
+`problem.system.f`.
 """
 
 import dataclasses

@@ -105,7 +105,8 @@ def _shape(problem: Problem, name: str) -> Shape:
     except Exception as error:
         reason = _UNTRACED if isinstance(error, _TRACERS) else first_line(error)
         raise ConfigError(
-            f"{name} fails for a state of shape {x.shape}: {reason}{undeclared_sizes(problem, name)}"
+            f"{name} fails for a state of shape {x.shape}: {reason}"
+            f"{undeclared_sizes(problem, name)}"
         ) from error
     if not isinstance(result, jax.ShapeDtypeStruct):
         raise ConfigError(f"{name} returns a {type(result).__name__}, must return one array")

@@ -40,7 +40,8 @@ class InnovationSampler:
         temperature: Array | float,
     ) -> Draw:
         """Returns a function that draws paths about those of the nominal controls (H, nu)."""
-        schedule, R = planned.moments.schedule, problem.cost.R
+        schedule = planned.moments.schedule
+        R = problem.cost.R
         weight = girsanov_weight(problem, temperature, None, None)
 
         def draw(key: Array, n: int) -> DrawnPaths:
