@@ -1,4 +1,4 @@
-"""Draw what the README shows, from results that are there: `make picture`."""
+"""Draws the pictures of the README from existing results of Table I: `make picture`."""
 
 from pathlib import Path
 
@@ -14,19 +14,19 @@ FOLDER = Path("docs/img")
 
 def main() -> None:
     """Reads the Table I results of both planners; writes trajectories.png and animation.gif."""
-    runs = []
+    panels = []
     cells = []
     for config in collect(Request(("experiment=table_1", "controller=belief,ce"))):
         results = read_cell_results(Cell(config), Path(config["results_dir"]), config["n_trials"])
-        run = overview_panel(results)
-        if run is None:
+        panel = overview_panel(results)
+        if panel is None:
             raise SystemExit("no results: mppi-belief run experiment=table_1 controller=belief,ce")
         rate = 100 * results.collided.mean()
         title = f"{results.name}: {rate:.1f} % of {len(results.good)} trials collide"
-        runs.append(run._replace(title=title))
+        panels.append(panel._replace(title=title))
         cells.append(results)
     FOLDER.mkdir(parents=True, exist_ok=True)
-    figures.save_png(figures.compare_paths(runs), FOLDER / "trajectories.png")
+    figures.save_png(figures.compare_paths(panels), FOLDER / "trajectories.png")
     figures.write_animation(cells, FOLDER / "animation.gif")
 
 
