@@ -10,7 +10,7 @@ class WorkerDied(Exception):
 
 
 class WorkersGone(Exception):
-    """Says that no worker is left and none can be started; its message is one line with the cause."""
+    """Says that no worker is left and none can be started; the message is the cause in one line."""
 
 
 class Workers(Protocol):
