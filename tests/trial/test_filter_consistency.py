@@ -20,7 +20,8 @@ def problem_of(curvature: float) -> mb.Problem:
     """Returns a pendulum at rest near the flat part of its sine, with little measurement noise."""
     cost = mb.GoalObstacleCost([0, 0], [1, 1], [1, 1], [1])
     system = pendulum(curvature=curvature, sensor_noise=0.02, gravity=0.0)
-    return mb.Problem(system, cost, [1.2, 0.0], [0.3, 0.1], dt=DT, steps=STEPS)
+    start = {"prior_mean": [1.2, 0.0], "prior_std": [0.3, 0.1]}
+    return mb.Problem(system, cost, **start, dt=DT, steps=STEPS, position=[0])
 
 
 @quick_jit
