@@ -38,8 +38,8 @@ def differences(
 ) -> list[Difference]:
     """Returns what differs between two rows and two paths.
 
-    The columns are those of `then`. A number that was not kept, and a path of which nothing was
-    kept, are not compared. `bits` is the precision, "float32" or "float64".
+    The columns are those of `then`. A path of which nothing was kept is not compared. `bits` is the
+    precision, "float32" or "float64".
     """
     compared = [_compare_values(name, value, now.get(name), bits) for name, value in then.items()]
     if path and len(path) != len(again):
@@ -55,8 +55,7 @@ def _compare_values(name: str, then: Any, now: Any, bits: str) -> Difference | N
         if _same_bits(np.array([then]), np.array([now])).all():
             return None
         return Difference(name, then, now, ulps(then, now, bits), 1, "")
-    not_kept = then is None and isinstance(now, float)
-    if then == now or not_kept:
+    if then == now:
         return None
     return Difference(name, then, now, None, 1, "")
 
