@@ -81,7 +81,8 @@ def _check_functions(structure: Any, shapes: tuple[Shape, ...], precision: str) 
     """Raises `ConfigError` for a shape or type that does not fit, in the current precision."""
     leaves = [jax.ShapeDtypeStruct(shape, float) for shape in shapes]
     problem: Problem = jax.tree.unflatten(structure, leaves)
-    sizes: dict[str, int] = {}
+    modes = problem.prior_modes
+    sizes: dict[str, int] = {"m": 1 if modes is None else max(1, len(modes))}
     for name in member_names(problem):
         shape = _shape(problem, name)
         for axis, size in enumerate(SHAPES[name]):
