@@ -75,7 +75,7 @@ check: lint types layers  ## run the linter, the type checker and the check of t
 lint: install  ## run the linter, the formatter's check and the checks of style
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/python docs/scripts/style_report.py --check --report-only
+	$(BIN)/python docs/scripts/style_report.py --check
 
 BEFORE ?=
 

@@ -5,6 +5,7 @@ Only the standard library is used, so that any checkout can be measured by any P
 """
 
 import ast
+import re
 import tomllib
 from collections import defaultdict
 from collections.abc import Iterator
@@ -221,7 +222,7 @@ def reached_privates(tests: list[Module]) -> list[Finding]:
             elif isinstance(node, ast.ImportFrom) and (node.module or "").startswith(PACKAGE):
                 names = [alias.name for alias in node.names]
             for name in names:
-                hidden = name.startswith("_") and not name.startswith("__")
+                hidden = re.fullmatch(r"_[^_].*[^_]|_[^_]", name)
                 if hidden and name not in PUBLIC_UNDERSCORES:
                     findings.append(module.finding(node.lineno, f"private attribute: {name}"))
     return sorted(findings)

@@ -181,7 +181,7 @@ class WeighsPaths(Controller, Protocol):
 
     @property
     def temperature(self) -> Any:
-        """lambda (), in the unit of the cost."""
+        """Returns lambda (), in the unit of the cost."""
 
 
 @struct

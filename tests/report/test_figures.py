@@ -111,26 +111,26 @@ def cell_with(
     configured: Cell | None = None,
     n: int = 20,
     hits: int = 3,
-    kept: int = 0,
+    with_paths: int = 0,
     scene: dict[str, Any] | None = SCENE,
     seconds: Sequence[float] = (),
     record: dict[str, Any] | None = None,
     bad: Sequence[dict[str, Any]] = (),
     seed: int = 0,
 ) -> CellResults:
-    """Returns a cell with n good trials, `kept` of them with paths, and some bad ones."""
+    """Returns a cell with n good trials, `with_paths` of them with paths, and some bad ones."""
     rows = pd.DataFrame(
         [*judged(n, hits, np.random.default_rng(seed)), *bad], columns=list(COLUMNS)
     )
     nx = 4 if scene is None else 2 * len(scene["start"])
-    path_rows = itertools.chain.from_iterable(steps(trial, nx) for trial in range(kept))
+    path_rows = itertools.chain.from_iterable(steps(trial, nx) for trial in range(with_paths))
     paths = pd.DataFrame(list(path_rows), columns=PATH_COLUMNS)
     return CellResults(
         configured or cell(),
         n + len(bad),
         rows,
         paths,
-        scene if kept else None,
+        scene if with_paths else None,
         list(seconds),
         record,
         [],
@@ -196,9 +196,11 @@ def settings_stay() -> Iterator[None]:
 def test_every_method_has_its_own_colour_marker_and_line():
     assert set(style.METHOD_LOOKS) == set(METHOD_NAMES)
     looks = [*style.METHOD_LOOKS.values(), figures.method_look("mine")]
-    assert len({one.colour for one in looks}) == len({one.marker for one in looks}) == len(looks)
-    assert len({str(one.line) for one in style.METHOD_LOOKS.values()}) == len(style.METHOD_LOOKS)
-    assert style.ORANGE not in {one.colour for one in looks}
+    assert (
+        len({look.colour for look in looks}) == len({look.marker for look in looks}) == len(looks)
+    )
+    assert len({str(look.line) for look in style.METHOD_LOOKS.values()}) == len(style.METHOD_LOOKS)
+    assert style.ORANGE not in {look.colour for look in looks}
     assert sorted(["mine", "ilqg", "ce", "pipf", "belief"], key=style.method_order) == [
         *[*style.METHOD_LOOKS][:4],
         "mine",
@@ -213,7 +215,9 @@ def test_text_is_legible_in_a_column():
 
 
 def many(methods: int) -> list[CellResults]:
-    return [cell_with(cell(method), kept=1, hits=0) for method in [*style.METHOD_LOOKS][:methods]]
+    return [
+        cell_with(cell(method), with_paths=1, hits=0) for method in [*style.METHOD_LOOKS][:methods]
+    ]
 
 
 @pytest.mark.parametrize(
@@ -241,17 +245,17 @@ def test_no_text_is_cut_off_or_written_over_another(draw, methods):
     for box in boxes:
         assert 0 <= box.x0 < box.x1 <= figure.bbox.x1
         assert 0 <= box.y0 < box.y1 <= figure.bbox.y1
-    assert not any(one.overlaps(two) for one, two in itertools.combinations(boxes, 2))
+    assert not any(first.overlaps(second) for first, second in itertools.combinations(boxes, 2))
 
 
 def test_the_same_results_are_the_same_bytes(tmp_path):
     for folder in ("one", "two"):
-        figure = figures.figure_1([cell_with(kept=2)])
+        figure = figures.figure_1([cell_with(with_paths=2)])
         assert figures.save_png_and_pdf(figure, tmp_path / folder, "fig") == ["fig.png", "fig.pdf"]
     for name in ("fig.png", "fig.pdf"):
-        one, two = ((tmp_path / folder / name).read_bytes() for folder in ("one", "two"))
-        assert one == two
-        assert b"Date" not in one
+        first, second = ((tmp_path / folder / name).read_bytes() for folder in ("one", "two"))
+        assert first == second
+        assert b"Date" not in first
     assert imread(tmp_path / "one/fig.png").shape[1] == 700
     assert (tmp_path / "one/fig.pdf").read_bytes().startswith(b"%PDF")
     assert sorted(path.name for path in (tmp_path / "one").iterdir()) == ["fig.pdf", "fig.png"]
@@ -284,9 +288,9 @@ def ellipses(axes: Axes) -> list[Ellipse]:
 
 def test_figure_1_has_a_panel_a_method_in_order_with_the_rate_of_all_good_trials():
     cells = [
-        cell_with(cell("ilqg"), n=40, hits=9, kept=3, bad=BAD),
-        cell_with(n=40, hits=1, kept=3),
-        cell_with(cell("mine"), kept=1),
+        cell_with(cell("ilqg"), n=40, hits=9, with_paths=3, bad=BAD),
+        cell_with(n=40, hits=1, with_paths=3),
+        cell_with(cell("mine"), with_paths=1),
     ]
     figure = figures.figure_1(cells)
     titles = ["MPPI-Belief, 2.5 % collide", "EKF-iLQG, 22.5 % collide", "mine, 15.0 % collide"]
@@ -296,7 +300,7 @@ def test_figure_1_has_a_panel_a_method_in_order_with_the_rate_of_all_good_trials
 
 
 def test_paths_are_those_of_the_trials_and_those_that_collide_are_set_apart():
-    axes = panels(figures.figure_1([cell_with(cell("pipf"), hits=2, kept=3)]))[0]
+    axes = panels(figures.figure_1([cell_with(cell("pipf"), hits=2, with_paths=3)]))[0]
     lines = trial_lines(axes)
     assert [to_hex(line.get_color()).upper() for line in lines] == [
         style.ORANGE,
@@ -315,7 +319,7 @@ def test_paths_are_those_of_the_trials_and_those_that_collide_are_set_apart():
     ("record", "trial"), [(None, 0), (1, 1), (7, 0)], ids=["not recorded", "recorded", "lost"]
 )
 def test_ellipses_are_two_standard_deviations_of_one_trial(record, trial):
-    given = cell_with(kept=3, record=None if record is None else recording(record))
+    given = cell_with(with_paths=3, record=None if record is None else recording(record))
     axes = panels(figures.figure_1([given]))[0]
     chosen = steps(trial)[::6]
     assert len(ellipses(axes)) == len(chosen) == 3
@@ -334,7 +338,7 @@ def test_ellipses_are_two_standard_deviations_of_one_trial(record, trial):
 
 
 def test_shading_is_sigma_o_with_one_bar():
-    figure = figures.figure_1([cell_with(kept=1), cell_with(cell("ce"), kept=2)])
+    figure = figures.figure_1([cell_with(with_paths=1), cell_with(cell("ce"), with_paths=2)])
     meshes = [axes.collections[0] for axes in panels(figure)]
     assert [mesh.get_clim() for mesh in meshes] == [meshes[0].get_clim()] * 2
     low, high = panels(figure)[0].get_xlim()
@@ -345,23 +349,23 @@ def test_shading_is_sigma_o_with_one_bar():
 
 
 def test_failed_trials_lines_and_cells_without_paths_are_left_out():
-    diverged = cell_with(n=2, hits=0, kept=3, bad=[row(2, status="diverged", cost=math.inf)])
+    diverged = cell_with(n=2, hits=0, with_paths=3, bad=[row(2, status="diverged", cost=math.inf)])
     wild = diverged.paths["trial"] == 2
     diverged.paths.loc[wild, "state"] = pd.Series(
         [np.full(4, np.inf)] * wild.sum(), index=diverged.paths.index[wild]
     )
-    line = cell_with(cell("lqg"), kept=2, scene=LINE)
+    line = cell_with(cell("lqg"), with_paths=2, scene=LINE)
     bare = cell_with(cell("ce"))
     figure = figures.figure_1([line, diverged, bare])
     assert [axes.get_title() for axes in panels(figure)] == ["MPPI-Belief, 0.0 % collide"]
     assert len(trial_lines(panels(figure)[0])) == 2
     assert figures.figure_1([line, bare]) is None
     assert figures.figure_1([]) is None
-    assert figures.figure_1([cell_with(n=0, kept=1)]) is None
+    assert figures.figure_1([cell_with(n=0, with_paths=1)]) is None
 
 
 def test_a_belief_that_is_not_finite_has_no_ellipse():
-    given = cell_with(kept=1)
+    given = cell_with(with_paths=1)
     given.paths.at[6, "cov"] = np.full(16, np.nan)
     assert len(ellipses(panels(figures.figure_1([given]))[0])) == 2
 
@@ -382,8 +386,8 @@ def test_figure_2_shows_rates_costs_and_their_intervals():
     assert [*drawn_series(rates)] == [*drawn_series(costs)] == ["MPPI-Belief", "EKF-iLQG"]
     agree(drawn_series(rates)["EKF-iLQG"], [rate(k, 12) for k in range(3)])
     agree(drawn_series(rates)["MPPI-Belief"], [rate(k, 12) for k in range(3, 6)])
-    agree(drawn_series(costs)["EKF-iLQG"], [mean(one.rows["cost"][:12]) for one in given[:3]])
-    agree(drawn_series(costs)["MPPI-Belief"], [mean(one.rows["cost"][:12]) for one in given[3:]])
+    agree(drawn_series(costs)["EKF-iLQG"], [mean(cell.rows["cost"][:12]) for cell in given[:3]])
+    agree(drawn_series(costs)["MPPI-Belief"], [mean(cell.rows["cost"][:12]) for cell in given[3:]])
 
 
 def test_points_stand_beside_each_other_at_their_weight():
@@ -438,8 +442,8 @@ def test_the_theta_figure_shows_rates_clearances_and_costs_beside_the_papers():
     assert len(lines) == 3
     assert all(line[0][:, 0].tolist() == [0, 1, 2] for line in lines)
     agree(lines[0], [rate(k, 20) for k in (1, 2, 0)])
-    agree(lines[1], [mean(one.rows["clearance"]) for one in order])
-    agree(lines[2], [mean(one.rows["cost"]) for one in order])
+    agree(lines[1], [mean(cell.rows["clearance"]) for cell in order])
+    agree(lines[2], [mean(cell.rows["cost"]) for cell in order])
     hollow = [
         line.get_xydata().tolist()
         for axes in figure.axes
@@ -465,8 +469,8 @@ def test_no_obstacles_no_clearance():
 
 
 def test_a_method_has_its_colour_in_every_figure():
-    given = [cell_with(cell(method), kept=2, hits=0) for method in ("belief", "ce", "mine")]
-    expected = {one.name: to_hex(style.method_look(one.method).colour) for one in given}
+    given = [cell_with(cell(method), with_paths=2, hits=0) for method in ("belief", "ce", "mine")]
+    expected = {cell.name: to_hex(style.method_look(cell.method).colour) for cell in given}
     for figure in (figures.figure_2(given), figures.theta_figure(given)):
         assert colours(figure.axes[0]) == expected
     paths = {
@@ -477,7 +481,7 @@ def test_a_method_has_its_colour_in_every_figure():
 
 
 def test_residuals_over_time_with_the_papers_value():
-    figure = figures.residual_figure(cell_with(kept=1, record=recording()))
+    figure = figures.residual_figure(cell_with(with_paths=1, record=recording()))
     best, imposed = figure.axes
     for axes, which in ((best, "optimum"), (imposed, "imposed")):
         for line, reading in zip(axes.lines, ("sample", "intensity"), strict=False):
@@ -494,7 +498,9 @@ def test_residuals_over_time_with_the_papers_value():
 
 def test_a_controller_without_temperature_and_a_line_have_one_panel():
     alone = {name: {"optimum": curve["optimum"]} for name, curve in MATCHING.items()}
-    given = cell_with(kept=1, scene=LINE, record={"trial": 0, "samples": None, "matching": alone})
+    given = cell_with(
+        with_paths=1, scene=LINE, record={"trial": 0, "samples": None, "matching": alone}
+    )
     assert len(figures.residual_figure(given).axes) == 1
 
 
@@ -502,9 +508,9 @@ def test_a_controller_without_temperature_and_a_line_have_one_panel():
     "given",
     [
         cell_with(),
-        cell_with(kept=1),
+        cell_with(with_paths=1),
         cell_with(record=recording()),
-        cell_with(kept=1, record={"trial": 0, "matching": {}}),
+        cell_with(with_paths=1, record={"trial": 0, "matching": {}}),
     ],
 )
 def test_no_residual_no_figure(given):
@@ -525,8 +531,8 @@ def test_samples_and_horizon_a_line_a_horizon_in_four_panels():
     figure = figures.ess_figure([*given, cell_with()])
     ess, rates, costs, time = (drawn_series(axes)["$H = 15$"] for axes in figure.axes)
     order = [given[4], given[5], given[3]]
-    agree(ess, [mean(one.rows["ess"]) for one in order])
-    agree(costs, [mean(one.rows["cost"]) for one in order])
+    agree(ess, [mean(cell.rows["ess"]) for cell in order])
+    agree(costs, [mean(cell.rows["cost"]) for cell in order])
     agree(rates, [rate(1, 20)] * 3)
     np.testing.assert_allclose(time[0][:, 1], 15 * 50.5)
     np.testing.assert_allclose(ess[0][:, 0], [50, 150, 500], rtol=0.1)
@@ -558,12 +564,12 @@ def test_the_interval_of_a_median_covers_as_often_as_it_says():
 
 def frames(path: Path) -> tuple[list[np.ndarray], list[int]]:
     with Image.open(path) as image:
-        kept = [
+        frames = [
             (np.asarray(frame.convert("RGB")), frame.info["duration"])
             for frame in ImageSequence.Iterator(image)
         ]
         assert image.info["loop"] == 0
-    return [picture for picture, _ in kept], [duration for _, duration in kept]
+    return [picture for picture, _ in frames], [duration for _, duration in frames]
 
 
 def close(picture: np.ndarray, colour: str) -> int:
@@ -576,14 +582,17 @@ def close(picture: np.ndarray, colour: str) -> int:
 def test_an_animation_has_a_frame_a_step_that_goes_on_and_says_when_it_collides(tmp_path):
     target = tmp_path / "trial.gif"
     assert figures.write_animation(
-        [cell_with(cell("ce"), kept=1, record=recording()), cell_with(kept=1, record=recording())],
+        [
+            cell_with(cell("ce"), with_paths=1, record=recording()),
+            cell_with(with_paths=1, record=recording()),
+        ],
         target,
     )
     pictures, durations = frames(target)
     assert len(pictures) == STEPS + 1
     assert durations == [100] * STEPS + [1500]
     assert pictures[0].shape[1] == 900
-    assert all(np.any(one != two) for one, two in itertools.pairwise(pictures))
+    assert all(np.any(frame != following) for frame, following in itertools.pairwise(pictures))
     path = [close(picture, style.method_look("ce").colour) for picture in pictures]
     assert path[-1] > 2 * path[0]
     inside = [
@@ -598,19 +607,21 @@ def test_an_animation_has_a_frame_a_step_that_goes_on_and_says_when_it_collides(
 
 def test_long_trials_are_thinned(tmp_path, monkeypatch):
     monkeypatch.setattr("mppi_belief.report.figures.animation.FRAMES", 4)
-    assert figures.write_animation([cell_with(kept=1, record=recording())], tmp_path / "trial.gif")
+    assert figures.write_animation(
+        [cell_with(with_paths=1, record=recording())], tmp_path / "trial.gif"
+    )
     assert len(frames(tmp_path / "trial.gif")[0]) == 5
 
 
 @pytest.mark.parametrize(
     "given",
     [
-        cell_with(kept=1),
+        cell_with(with_paths=1),
         cell_with(record=recording()),
-        cell_with(kept=1, record=recording(samples=False)),
-        cell_with(kept=1, record=recording(5)),
-        cell_with(kept=1, scene=LINE, record=recording()),
-        cell_with(n=0, hits=0, kept=1, record=recording()),
+        cell_with(with_paths=1, record=recording(samples=False)),
+        cell_with(with_paths=1, record=recording(5)),
+        cell_with(with_paths=1, scene=LINE, record=recording()),
+        cell_with(n=0, hits=0, with_paths=1, record=recording()),
     ],
     ids=["no recording", "no paths", "no samples", "another trial", "a line", "a failed trial"],
 )

@@ -10,7 +10,8 @@
       | _configuration, check_settings
     [dict]           plain values, every `${...}` resolved, types and ranges checked (`settings.py`)
       | cell_labels, fingerprints
-    [dict]           with `names` (option of each group), `swept` (what was set), `code` (own modules)
+    [dict]           with `names` (option of each group), `swept` (given settings), `code` (own
+                     modules)
 
 `collect` does all of it, so a mistake in any cell is found before the first trial of any other.
 `Cell` (cell.py) gives each dict its identity.

@@ -43,62 +43,62 @@ class CellResults(NamedTuple):
 
     @property
     def config(self) -> dict[str, Any]:
-        """The configuration of the cell."""
+        """Returns the configuration of the cell."""
         return self.cell.config
 
     @property
     def id(self) -> str:
-        """The identity of the cell, which names its folder."""
+        """Returns the identity of the cell, which names its folder."""
         return self.cell.id
 
     @property
     def good(self) -> pd.DataFrame:
-        """The rows of the trials that did not fail; averages are taken over these."""
+        """Returns the rows of the trials that did not fail; averages are taken over these."""
         return self.rows[self.rows["status"] == "ok"]
 
     @property
     def good_paths(self) -> pd.DataFrame:
-        """The steps of the kept trials that did not fail."""
+        """Returns the steps of the kept trials that did not fail."""
         return self.paths[self.paths["trial"].isin(self.good["trial"])]
 
     @property
     def collided(self) -> np.ndarray:
-        """Whether each good trial collided, (n,) bool."""
+        """Returns whether each good trial collided, (n,) bool."""
         return self.good["collided"].to_numpy(dtype=bool)
 
     @property
     def collided_trials(self) -> set[int]:
-        """The numbers of the good trials that collided."""
+        """Returns the numbers of the good trials that collided."""
         return set(self.good["trial"][self.collided])
 
     @property
     def missing(self) -> int:
-        """The number of trials that are still to be run."""
+        """Returns the number of trials that are still to be run."""
         return self.wanted - len(self.rows)
 
     @property
     def labels(self) -> dict[str, Any]:
-        """The settings that tell this cell from the others of a study."""
+        """Returns the settings that tell this cell from the others of a study."""
         return labels(self.cell.config)
 
     @property
     def system(self) -> str:
-        """The option of `system`."""
+        """Returns the option of `system`."""
         return str(self.config["names"]["system"])
 
     @property
     def method(self) -> str:
-        """The option of `controller`, a key of `METHOD_NAMES`."""
+        """Returns the option of `controller`, a key of `METHOD_NAMES`."""
         return str(self.config["names"]["controller"])
 
     @property
     def name(self) -> str:
-        """The name of the method in the paper."""
+        """Returns the name of the method in the paper."""
         return METHOD_NAMES.get(self.method, self.method)
 
     @property
     def samples(self) -> int | None:
-        """The number of paths sampled per control step, None for a method that samples none.
+        """Returns the number of paths sampled per control step, None for a method that samples none.
 
         PIPF samples its paths from every particle.
         """

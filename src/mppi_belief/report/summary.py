@@ -26,7 +26,7 @@ class TrialSummary(NamedTuple):
 
     @property
     def good(self) -> int:
-        """The number of trials that did not fail."""
+        """Returns the number of trials that did not fail."""
         return self.trials - self.failed
 
 

@@ -38,7 +38,7 @@ class ConsistencyPoint(NamedTuple):
 
     @property
     def consistent(self) -> bool:
-        """Whether both means lie in their bands."""
+        """Tells whether both means lie in their bands."""
         return _lies_in(self.nees, self.nees_band) and _lies_in(self.nis, self.nis_band)
 
 
