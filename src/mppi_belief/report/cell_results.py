@@ -98,7 +98,7 @@ class CellResults(NamedTuple):
 
     @property
     def samples(self) -> int | None:
-        """Returns the number of paths sampled per control step, None for a method that samples none.
+        """Returns the number of paths sampled per control step; None for a method without samples.
 
         PIPF samples its paths from every particle.
         """
