@@ -49,10 +49,9 @@ def source(**changes: Any) -> dict[str, Any]:
 
 def rows_of(cell: Cell, n: int, first: int = 0, **values: Any) -> list[dict[str, Any]]:
     """Rows as the cell's trials leave them."""
-    group = cell.config["controller"], cell.config["cost"]
     values_of_run = {
-        "theta": group[0]["theta"],
-        "w_obs": group[1]["w_obs"],
+        "theta": cell.config["controller"]["path_cost"]["theta"],
+        "w_obs": cell.config["cost"]["w_obs"],
         "controller": cell.config["names"]["controller"],
     }
     return [row(trial, **values_of_run, **values) for trial in range(first, first + n)]
