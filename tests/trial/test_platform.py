@@ -93,7 +93,7 @@ def test_the_switch_reaches_the_study(
         workers: LocalWorkers,
         command: Any,
     ) -> None:
-        given.update(cells=cells, workers=workers.count, elsewhere=workers.elsewhere)
+        given.update(cells=cells, workers=workers.count, own_environment=workers.own_environment)
         raise ConfigError("far enough")
 
     def lanes(count: int, setup: WorkerSetup) -> LocalWorkers:
@@ -106,7 +106,7 @@ def test_the_switch_reaches_the_study(
     (cell,) = given["cells"]
     assert (given["workers"], cell.config["batch"]) == (workers, batch)
     assert given["variables"].get("JAX_PLATFORMS") == platforms
-    assert given["elsewhere"] == (platforms is not None)
+    assert given["own_environment"] == (platforms is not None)
 
 
 def test_without_a_gpu_it_is_one_line_that_names_the_extra_and_nothing_is_written(tmp_path, capfd):
