@@ -97,7 +97,8 @@ def test_python_in_documents_runs_in_order(document, tmp_path, monkeypatch):
 
 def documented_runs() -> list[str]:
     """Returns the arguments of every `mppi-belief run` in README and docs/commands.md."""
-    text = (ROOT / "README.md").read_text() + (ROOT / "docs" / "commands.md").read_text()
+    page, _, _ = commands_page.PAGE.read_text().partition(commands_page.START)
+    text = (ROOT / "README.md").read_text() + page
     commands = re.findall(r"(?:^    |`)mppi-belief run (.+?)(?:`|  |$)", text, re.MULTILINE)
     return sorted(set(commands))
 
