@@ -31,7 +31,7 @@ complete -o nospace -o default -F _mppi_belief_completion mppi-belief
 
 
 def answer_completion(args: Sequence[str], commands: Mapping[str, Any]) -> int:
-    """Carry out `mppi-belief -sc install=bash` or `query=bash`; returns the exit code.
+    """Carries out `mppi-belief -sc install=bash` or `query=bash`; returns the exit code.
 
     `commands` has the module of each command, as `main.COMMANDS` has.
     """

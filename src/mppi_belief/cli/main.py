@@ -44,7 +44,7 @@ EXAMPLE_OF = {
 
 
 def main() -> int:
-    """Carry out the command line of this process; returns its exit code."""
+    """Carries out the command line of this process and returns its exit code."""
     args = sys.argv[1:]
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="replace")  # Greek letters on a terminal that has none
@@ -62,7 +62,7 @@ def main() -> int:
 
 
 def carry_out(command: str, args: list[str]) -> int:
-    """Run one command; `run` answers signals itself, the others end at the first one."""
+    """Runs one command; `run` handles signals itself, the others end at the first one."""
     if command == "run":
         with held():
             return int(COMMANDS[command].main(args))
@@ -89,7 +89,7 @@ def overview() -> str:
 
 
 def guarded(command: Callable[[], int]) -> int:
-    """Run a command; a mistake of its user becomes one line on stderr and an exit code."""
+    """Runs a command; a mistake of its user becomes one line on stderr and an exit code."""
     try:
         code = command()
         sys.stdout.flush()  # here, so that a failure is reported in our words
@@ -112,7 +112,7 @@ def guarded(command: Callable[[], int]) -> int:
 
 
 def complain(line: str, code: int) -> int:
-    """Print one line on stderr; returns the exit code given."""
+    """Prints one line on stderr and returns the given exit code."""
     print(f"mppi-belief: {plain_line(line)}", file=sys.stderr)
     return code
 
@@ -125,7 +125,7 @@ def _unknown_command(args: list[str]) -> str:
 
 
 def _discard_output() -> None:
-    """Send what is still to be printed nowhere."""
+    """Discards what stdout has buffered, since nobody reads it any more."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 

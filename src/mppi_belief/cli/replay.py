@@ -43,7 +43,7 @@ def parse(args: Sequence[str]) -> ResultsRequest:
 
 
 def main(args: Sequence[str]) -> int:
-    """Run, compare, say what differs, draw; returns the exit code."""
+    """Carries out a `replay` command and returns the exit code."""
     request = parse(args)
     if request.options.help:
         print(parser().format_help(), end="")

@@ -42,7 +42,7 @@ class StoredTrial(NamedTuple):
 
 
 def replay_trial(request: ResultsRequest, command: list[str]) -> int:
-    """Run the trial of a request, compare, print what differs, draw; returns the exit code."""
+    """Runs the trial of a request again, prints what differs, draws it; returns the exit code."""
     cell, word = request.words
     stored = _stored_trial(read_cell(choose_cell(request.root, cell)), word)
     if stored.row["status"] in UNFINISHED and not request.options.force:
@@ -110,7 +110,7 @@ def _stored_trial(contents: CellContents, word: str) -> StoredTrial:
 
 
 def _run_and_compare(stored: StoredTrial, source_now: dict[str, Any]) -> int:
-    """Run the trial, print what differs, draw it; returns the exit code."""
+    """Runs the trial, prints what differs, draws it; returns the exit code."""
     from ..trial import device  # imports JAX, for which the environment is prepared by now
     from ..trial.rerun import differences, rerun
 
@@ -154,7 +154,7 @@ def _difference_line(difference: Any, precision: str) -> str:
 
 
 def _draw(stored: StoredTrial, batch: Any) -> None:
-    """Draw the trial as it ran now into the folder of its cell. Raises OSError."""
+    """Draws the trial as it ran now into the folder of its cell. Raises OSError."""
     import pandas as pd
 
     from ..report import figures

@@ -44,7 +44,7 @@ def parse(args: Sequence[str]) -> tuple[list[str], Request]:
 
 
 def main(args: Sequence[str]) -> int:
-    """Write the report that a command line asks for; returns the exit code."""
+    """Writes the report that a command line asks for; returns the exit code."""
     from ..config.cell import Cell
     from ..config.compose import collect
     from ..report import build

@@ -68,7 +68,7 @@ def parse(args: Sequence[str]) -> ResultsRequest:
 
 
 def main(args: Sequence[str]) -> int:
-    """Carry out `mppi-belief results ...`; returns the exit code."""
+    """Carries out `mppi-belief results ...`; returns the exit code."""
     request = parse(args)
     if request.options.help:
         print(parser().format_help(), end="")

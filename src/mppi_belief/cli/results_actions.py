@@ -18,7 +18,7 @@ from .tables import bytes_in_words, description, listing
 
 
 def list_cells(request: ResultsRequest) -> int:
-    """Print a line for each cell; returns the exit code."""
+    """Prints a line for each cell; returns the exit code."""
     cells = [read_cell(folder) for folder in cell_folders(request.root)]
     _report_problems([line for contents in cells for line in contents.problems])
     print(listing(cells) if cells else f"no results in {request.root}")
@@ -26,7 +26,7 @@ def list_cells(request: ResultsRequest) -> int:
 
 
 def show_cell(request: ResultsRequest) -> int:
-    """Print all that is known of one cell; returns the exit code."""
+    """Prints all that is known of one cell; returns the exit code."""
     if len(request.words) != 1:
         raise ConfigError("results show: name one cell")
     contents = read_cell(choose_cell(request.root, request.words[0]))
@@ -36,7 +36,7 @@ def show_cell(request: ResultsRequest) -> int:
 
 
 def export_cells(request: ResultsRequest) -> int:
-    """Print the rows of cells as CSV, or write them to a file; returns the exit code."""
+    """Prints the rows of cells as CSV, or writes them to a file; returns the exit code."""
     cells = [read_cell(folder) for folder in _chosen_folders(request)]
     if not request.words:  # all cells: those that a report of today reads
         cells = [contents for contents in cells if superseded(contents) is None]
@@ -54,7 +54,7 @@ def export_cells(request: ResultsRequest) -> int:
 
 
 def compact_cells(request: ResultsRequest) -> int:
-    """Merge the small files of cells and print what that changes; returns the exit code."""
+    """Merges the small files of cells and prints what that changes; returns the exit code."""
     folders = _chosen_folders(request)
     files_before = 0
     files_after = 0
@@ -76,7 +76,7 @@ def compact_cells(request: ResultsRequest) -> int:
 
 
 def verify_cells(request: ResultsRequest) -> int:
-    """Check every file of cells and print what is wrong; returns the exit code."""
+    """Checks every file of cells and prints what is wrong; returns the exit code."""
     folders = _chosen_folders(request)
     n_problems = 0
     n_files = 0

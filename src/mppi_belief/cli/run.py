@@ -53,7 +53,7 @@ def parse(args: Sequence[str]) -> Request:
 
 
 def main(args: Sequence[str]) -> int:
-    """Run the trials that a command line asks for; returns the exit code."""
+    """Runs the trials that a command line asks for; returns the exit code."""
     from ..config import environment
     from ..config.compose import collect
     from .show_configuration import groups_and_keys, show, wants_printing
@@ -70,7 +70,7 @@ def main(args: Sequence[str]) -> int:
 
 
 def run(request: Request, configs: Sequence[dict[str, Any]], variables: dict[str, str]) -> int:
-    """Run the cells of some configurations and print their table; returns the exit code.
+    """Runs the cells of some configurations and prints their table; returns the exit code.
 
     `variables` are those that workers need besides the environment of this process, which is
     prepared.
@@ -108,7 +108,7 @@ def run(request: Request, configs: Sequence[dict[str, Any]], variables: dict[str
 def show_outcome(
     cells: "Sequence[Cell]", root: Path, n_trials: int, outcome: "StudyOutcome"
 ) -> int:
-    """Print the table, save the pictures and say where everything is; returns the exit code."""
+    """Prints the table, saves the pictures, prints where they are; returns the exit code."""
     from .overview import show_overview
 
     failed = show_overview(cells, root, n_trials, outcome)

@@ -15,7 +15,7 @@ def wants_printing(request: Request) -> bool:
 
 
 def show(request: Request) -> int:
-    """Print what a request with `--cfg` or `--info` asks for; returns the exit code 0."""
+    """Prints what a request with `--cfg` or `--info` asks for; returns the exit code 0."""
     if request.print_configuration:
         print(configuration(request), end="")
     if request.print_sources:

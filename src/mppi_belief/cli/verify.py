@@ -66,7 +66,7 @@ def parse(args: Sequence[str]) -> Request:
 
 
 def main(args: Sequence[str]) -> int:
-    """Compute the certificates, or answer the question about a system; returns the exit code."""
+    """Computes the certificates, or answers the question about a system; returns the exit code."""
     from ..config import environment
     from ..config.compose import collect
     from ..results.certificate import CERTIFICATE_NAMES
@@ -111,7 +111,7 @@ def _system_settings(request: Request, config: dict[str, Any]) -> list[str]:
 
 
 def verify_paper(request: Request, config: dict[str, Any], names: Sequence[str]) -> int:
-    """Compute, store and show certificates; returns the exit code."""
+    """Computes, stores and shows certificates; returns the exit code."""
     from tqdm import tqdm
 
     from ..report.certificate_tables import show_certificates
@@ -144,7 +144,7 @@ def verify_paper(request: Request, config: dict[str, Any], names: Sequence[str])
 
 
 def verify_system(request: Request, config: dict[str, Any], settings: Sequence[str]) -> int:
-    """Store and show which statements hold for the system of a configuration; returns the exit
+    """Stores and shows which statements hold for the system of a configuration; returns the exit
     code.
     """
     from ..config.targets import allow

@@ -36,7 +36,7 @@ class FolderName:
     """Accepts the name of a folder, which need not exist."""
 
     def check(self, value: Any) -> str:
-        """Return the name as it is."""
+        """Returns the name as it is; raises ValueError for what cannot name a folder."""
         if not isinstance(value, str) or not value.strip() or "\0" in value:
             raise ValueError(f"must name a folder, got {value!r}")
         return value

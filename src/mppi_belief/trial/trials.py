@@ -120,7 +120,7 @@ def _batch_positions(trials: Sequence[int], size: int) -> int | np.ndarray:
 def simulate_and_judge(
     problem: Problem, filter: Filter, controller: Controller, seed: Any, trial: Any
 ) -> tuple[Metrics, Trial]:
-    """Simulates and judge a trial () or a batch of them (B,)."""
+    """Simulates and judges a trial () or a batch of them (B,)."""
 
     def run_one(trial: Any) -> tuple[Metrics, Trial]:
         result = simulate_trial(problem, filter, controller, seed, trial)
