@@ -1,9 +1,8 @@
-"""The command `mppi-belief`: dispatches to the module of each command, and reports errors in one
-line.
+"""The command `mppi-belief`: calls the module of the command, and reports errors in one line.
 
 Each command is a module of this room with
 
-    SUMMARY                  its line in `mppi-belief --help`
+    SUMMARY, EXAMPLE         its line in `mppi-belief --help`
     parser()                 its parser, from which its help and tab completion derive
     parse(args)              the words as a request
     main(args)               does what the words ask for and returns the exit code
@@ -34,13 +33,6 @@ COMMANDS: dict[str, Any] = {
     "replay": replay,
 }
 COMPLETION = ("-sc", "--shell-completion")
-EXAMPLE_OF = {
-    "run": "mppi-belief run controller=belief theta=1",
-    "report": "mppi-belief report experiment=table_1",
-    "verify": "mppi-belief verify system=light_dark",
-    "results": "mppi-belief results show CELL",
-    "replay": "mppi-belief replay CELL TRIAL",
-}
 
 
 def main() -> int:
@@ -76,7 +68,7 @@ def overview() -> str:
     """Returns what `mppi-belief --help` prints."""
     lines = ["usage: mppi-belief COMMAND [ARGS]", ""]
     for name, command in COMMANDS.items():
-        lines.append(f"  {name:10}{command.SUMMARY:46}{EXAMPLE_OF[name]}")
+        lines.append(f"  {name:10}{command.SUMMARY:46}{command.EXAMPLE}")
     lines += [
         "",
         "  mppi-belief COMMAND --help   print arguments, options and exit codes of a command",

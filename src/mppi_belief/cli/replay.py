@@ -13,6 +13,7 @@ is kept of it bit for bit, and draws it into the cell's folder. CELL is the begi
 id, or the path of its folder. A controller or system of your own is looked for in --config-dir, and
 nowhere else."""
 SUMMARY = "run one trial again and compare"
+EXAMPLE = "mppi-belief replay CELL TRIAL"
 
 
 def parser() -> CommandParser:

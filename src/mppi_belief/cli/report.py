@@ -13,6 +13,7 @@ Reads what `mppi-belief run experiment=NAME` has left in results_dir, runs nothi
 tables (LaTeX, Markdown, CSV), figures (PNG, PDF) and a page (index.html) into report_dir. Settings
 KEY=VALUE are those of `run`: give the same ones."""
 SUMMARY = "tables, figures and a page from results"
+EXAMPLE = "mppi-belief report experiment=table_1"
 STUDY = "experiment="
 
 

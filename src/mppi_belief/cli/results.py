@@ -9,6 +9,7 @@ from .parser import CommandParser
 from .results_request import ResultsRequest, matching_cells, read_request
 
 SUMMARY = "what is in the results folder"
+EXAMPLE = "mppi-belief results show CELL"
 
 
 class Form(NamedTuple):

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from ..run.task import StudyOutcome
 
 SUMMARY = "run trials of a controller, or of a sweep"
+EXAMPLE = "mppi-belief run controller=belief theta=1"
 PURPOSE = "Runs Monte Carlo trials of a controller, or of a sweep over controllers and settings."
 EXAMPLES = """\
   mppi-belief run controller=belief theta=1

@@ -31,6 +31,7 @@ along the belief of its trial 0:
   mppi-belief verify system=light_dark
   mppi-belief verify --config-dir mine system=mine"""
 SUMMARY = "certificates of the paper's theorems"
+EXAMPLE = "mppi-belief verify system=light_dark"
 COMMON_KEYS = ("seed", "precision", "platform", "batch")  # settings that describe no system
 
 
