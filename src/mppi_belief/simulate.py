@@ -102,7 +102,7 @@ def step_plant_and_filter(
     filter_key: Array,
     k: Array,
 ) -> tuple[Array, Array, Any]:
-    """Carries out step k under control u (nu,), with the sensor turned as the belief asks for.
+    """Carries out step k under control u (nu,), with the sensor turned for the belief.
 
     Returns the next state (nx,), the measurement (ny,) and the next belief.
     """

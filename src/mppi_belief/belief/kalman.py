@@ -1,12 +1,13 @@
-"""Gaussian belief dynamics (Sec. IV): filter recursion, Riccati equation, gain schedule.
+"""Gaussian belief dynamics (Sec. IV): the filter recursion over a time step.
 
     dmu     = (f(mu) + G u) dt + K dy~,    K = Sigma C' R_o^-1                       (8a)
     dSigma  = A Sigma + Sigma A' + Q - Sigma C' R_o^-1 C Sigma                       (8b)(11)
     D       = K R_o K' = Sigma C' R_o^-1 C Sigma = L L'                              (9)
 
-with A, C the Jacobians at the mean (exact in the linear case, the EKF otherwise). `predict` and
-`correct` are the same for a step dt: there K = Sigma C' S^-1 with S = C Sigma C' + R_s, and the
-mean moves by an innovation of covariance K S K' = D dt.
+with A, C the Jacobians at the mean (exact in the linear case, the EKF otherwise). `riccati.py`
+solves (8b)(11) in continuous time. `predict` and `correct` are the same for a step dt: there
+K = Sigma C' S^-1 with S = C Sigma C' + R_s, and the mean moves by K times an innovation of
+covariance S, so its increment has the covariance K S K' = D dt.
 """
 
 from dataclasses import replace

@@ -11,7 +11,6 @@ from typing import Any, NamedTuple
 
 ALGORITHM_VERSION = 3  # raise when the same configuration would give other numbers
 
-
 # The keys of a configuration that make a cell's numbers: what it is built from, and how it is
 # computed.
 IDENTITY = (
@@ -30,7 +29,7 @@ IDENTITY = (
 
 
 class Cell(NamedTuple):
-    """Represents one setting of everything, of which many trials are run."""
+    """Represents one complete configuration, of which many trials are run."""
 
     config: dict[str, Any]  # as `config.compose.collect` returns it
 
@@ -57,10 +56,10 @@ def batches(trials: Sequence[int], size: int) -> Iterator[tuple[int, ...]]:
 
 
 def labels(config: dict[str, Any]) -> dict[str, Any]:
-    """Returns what distinguishes a cell in rows, tables and titles: controller, theta, w_obs, seed,
-    all that was set.
+    """Returns the labels of a cell in rows, tables and titles, by column.
 
-    A number that the cell does not have is NaN.
+    They are controller, theta, w_obs, seed and all settings that were given. A number that the cell
+    does not have is NaN.
     """
     controller = config["controller"]
     path_cost = controller.get("path_cost")
@@ -75,11 +74,7 @@ def labels(config: dict[str, Any]) -> dict[str, Any]:
 
 
 def canonical(node: Any) -> Any:
-    """Returns a configuration in the form that is compared: a float that is a whole number becomes
-    an int.
-
-    So 0.0 and 0 make the same cell.
-    """
+    """Returns a configuration with whole floats as int, so that 0.0 and 0 make the same cell."""
     if isinstance(node, dict):
         return {key: canonical(value) for key, value in node.items()}
     if isinstance(node, list):

@@ -15,9 +15,7 @@ NAMED_GROUPS = ("system", "cost", "filter", "controller")  # their options name 
 def cell_labels(
     overrides: Sequence[str], options: dict[str, str | None], config: dict[str, Any]
 ) -> dict[str, Any]:
-    """Returns what a configuration is called (`names`), what was set (`swept`), and the size of its
-    batches.
-    """
+    """Returns `names` (an option per group), `swept` (settings by key) and `batch` (trials)."""
     names = _option_names(options, config)
     keys = [key_of(override) for override in overrides]
     no_label = (*RUNTIME_KEYS, "sweep", "experiment", "hydra")
@@ -30,9 +28,7 @@ def cell_labels(
 
 
 def label_of(key: str) -> str:
-    """Returns what a swept key is called in rows and reports: a part of the controller,
-    `controller/sampler`, `sampler`.
-    """
+    """Returns the name of a swept key in rows and reports: `sampler` for `controller/sampler`."""
     return key.rpartition("/")[2]
 
 

@@ -40,7 +40,7 @@ from .studies import grids
 from .targets import fingerprints
 
 LONGEST_WORD = 10_000  # characters of an override
-HYDRA_KEYS = ("hydra.mode", "hydra.sweeper.params")  # all that is heeded of Hydra's own settings
+HYDRA_KEYS = ("hydra.mode", "hydra.sweeper.params")  # of Hydra's own settings, those in use
 
 
 class ComposedJob(NamedTuple):
@@ -146,7 +146,7 @@ def _composing(request: Request) -> Iterator[None]:
 
 
 def _check_words(overrides: Sequence[str]) -> None:
-    """Raises `ConfigError` for words that no setting is made of, before they are parsed."""
+    """Raises `ConfigError` for words that cannot be settings, before they are parsed."""
     for word in overrides:
         if len(word) > LONGEST_WORD:
             raise ConfigError(f"{word[:40]}...: longer than {LONGEST_WORD} characters")

@@ -61,9 +61,7 @@ class ILQRSettings(NamedTuple):
     tolerance: Array | float  # relative decrease of the cost at which the plan has converged
     max_iterations: Array | int
     damping: Array | float  # added to Quu once a line search has failed
-    damping_factor: (
-        Array | float
-    )  # by which damping grows after a failure and shrinks after a success
+    damping_factor: Array | float  # growth of damping after a failure, its decay after a success
     damping_max: Array | float  # where the iteration gives up
 
 

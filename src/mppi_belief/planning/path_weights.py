@@ -45,9 +45,9 @@ def log_desirability(costs: Array, temperature: Array | float) -> Array:
 def free_energy(costs: Array, temperature: Array | float) -> Array:
     """Returns -lambda log of the estimate of Psi () for path costs (N,); inf if none is finite."""
     least = jnp.min(costs)
-    some = jnp.isfinite(least)
-    mean = jnp.mean(jnp.exp((jnp.where(some, least, 0.0) - costs) / temperature))
-    return jnp.where(some, least - temperature * jnp.log(jnp.where(some, mean, 1.0)), jnp.inf)
+    usable = jnp.isfinite(least)
+    mean = jnp.mean(jnp.exp((jnp.where(usable, least, 0.0) - costs) / temperature))
+    return jnp.where(usable, least - temperature * jnp.log(jnp.where(usable, mean, 1.0)), jnp.inf)
 
 
 def weighted_increments(w: Array, increments: Array) -> Array:
@@ -64,7 +64,7 @@ class Weighting(Protocol):
 
 @runtime_checkable
 class BlockWeighting(Weighting, Protocol):
-    """Weights samples block by block with the same result as together."""
+    """Weights samples block by block, with the same result as all of them at once."""
 
     def free_energy(self, costs: Array) -> Array:
         """Returns the cost () at which a block counts for all its paths (N,) together."""
@@ -111,8 +111,7 @@ def improve(
     """Returns nominal + sum_i w_i delta^(i), (19) over the whole horizon, from n sampled paths.
 
     Every sampling planner improves its plan here. On a CPU at most BLOCK samples are drawn at a
-    time, where the weighting allows that. A single block, as always on a GPU, uses the key as it
-    is.
+    time, where the weighting allows that. A single block, as always on a GPU, uses the key itself.
 
     Args:
         nominal: (H, nu)
@@ -135,7 +134,7 @@ def _improve_in_blocks(
     n: int,
     weighting: BlockWeighting,
 ) -> ImprovedPlan:
-    """Weights each block by itself and lets it count by its own estimate of Psi."""
+    """Weights the samples within each block, and the blocks by their estimates of Psi."""
     count = -(-n // BLOCK)
     size = -(-n // count)
 

@@ -50,9 +50,7 @@ class Page(NamedTuple):
 
 
 MEDIA = {".png": "image/png", ".gif": "image/gif"}
-PNG_SCALE = (
-    1.4  # PNG pixels per page pixel: makes 7.5 points at 200 dpi as large as the tables' text
-)
+PNG_SCALE = 1.4  # PNG pixels per page pixel: 7.5 points at 200 dpi are as large as a table's text
 PROSE_LENGTH = 28  # characters; a longer cell may break into lines
 BLANK = {"", "-", "\u2013", "\u2014", "n/a"}
 NUMBER = re.compile(

@@ -1,9 +1,8 @@
-"""The columns of a results table: what a row says of one trial. They are named here and nowhere
-else.
+"""The columns of a results table, which are named here and nowhere else.
 
-A row is a dict from column to value; further columns of a row are swept settings. A trial ends with
-one of these statuses: "ok"; "diverged" (its numbers are no longer finite); "error", "crashed" or
-"timeout" (it has no result).
+A row holds the results of one trial. It is a dict from column to value; further columns of a row
+are swept settings. A trial ends with one of these statuses: "ok"; "diverged" (its numbers are no
+longer finite); "error", "crashed" or "timeout" (it has no result).
 """
 
 from typing import Any, NamedTuple
@@ -38,10 +37,8 @@ class Consistency(NamedTuple):
     nis: Any  # normalised squared innovation d' S^-1 d of a measurement, about ny
 
 
-FINAL_STATUSES = (
-    "ok",
-    "diverged",
-)  # the same configuration ends these trials in the same way again
+# Statuses of trials that the same configuration would end in the same way again.
+FINAL_STATUSES = ("ok", "diverged")
 
 _METRICS = (*Metrics._fields, *Consistency._fields)
 COLUMN_TYPES: dict[str, pa.DataType] = {

@@ -46,9 +46,8 @@ class DaskWorkers:
     """
 
     own_environment = True
-    grain = (
-        10.0  # s; starting a chunk takes 20 to 30 ms, and one scheduler starts a hundred per second
-    )
+    # s; starting a chunk takes 20 to 30 ms, and one scheduler starts a hundred per second.
+    grain = 10.0
 
     def __init__(
         self, connect: Callable[[], SchedulerConnection], count: int, setup: WorkerSetup

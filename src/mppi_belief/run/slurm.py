@@ -18,11 +18,8 @@ from .workers import WorkersGone
 SHORTEST_INTERVAL = 1.0  # s between two looks at the queue, at first
 LONGEST_INTERVAL = 30.0  # s between two looks at the queue, later
 COMMAND_TIMEOUT = 60.0  # s that a command of Slurm may take
-UNREACHABLE = (
-    "contact",
-    "timed out",
-    "timeout",
-)  # in Slurm's messages if only its controller is away
+# Words in Slurm's messages when its controller cannot be reached.
+UNREACHABLE = ("contact", "timed out", "timeout")
 COMPLETING = "CG"  # the state of a job that has ended
 
 
@@ -36,9 +33,7 @@ class SlurmJobs:
         self._name = name
         self._wanted = wanted
         self._per_job = per_job
-        self._queued: set[str] = (
-            set()
-        )  # ids of the jobs that were in the queue when it was asked last
+        self._queued: set[str] = set()  # ids of the jobs that the queue had when last asked
         self._connected: set[str] = set()  # ids of the jobs of which a worker has ever connected
         self._fruitless = 0  # jobs in a row that ended before a worker connected
         self._worker_count = 0

@@ -5,6 +5,8 @@ from typing import Any, NamedTuple
 
 from .plan import WHOLE, Shard
 
+Row = dict[str, Any]  # the results of one trial, see `results.columns`
+
 
 class TrialFunctions(NamedTuple):
     """Names what is done for a cell, as functions of its configuration that a worker can import.
@@ -15,9 +17,7 @@ class TrialFunctions(NamedTuple):
     check: Callable[..., None]  # (config); raises where the configuration cannot be run
     run_trials: Callable[..., Any]  # (config, trials); an object with `rows`, `paths` and `scene`
     time_steps: Callable[..., list[float]]  # (config); s, wall times of single control steps
-    failed_row: Callable[
-        ..., dict[str, Any]
-    ]  # (config, trial, status, error); a row without result
+    failed_row: Callable[..., Row]  # (config, trial, status, error); a row without result
     record: Callable[..., dict[str, Any]]  # (config); one trial in detail as JSON
     device: Callable[..., str]  # (config); the name of what computes, raises where that is missing
 

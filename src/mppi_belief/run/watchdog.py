@@ -5,9 +5,8 @@ from typing import Any
 
 from .workers import Workers
 
-PATIENCE = (
-    30.0  # s beyond the time that a function may take, before its worker is ended from outside
-)
+# s beyond the time that a function may take, before its worker is ended from outside.
+PATIENCE = 30.0
 
 
 class Watchdog:

@@ -1,5 +1,4 @@
-"""What happens in a worker process: it is set up once, and then runs what it is sent within a time
-limit.
+"""Runs in a worker process: sets it up once, then calls functions within a time limit.
 
 Only plain data goes back: an exception that cannot be pickled or unpickled would look like the
 death of the worker.
@@ -32,17 +31,17 @@ class Failure(NamedTuple):
     error: str  # one line
 
 
+Trials = tuple[int, ...]  # numbers of trials, ascending
+TrialsOutcome = tuple[Trials, Any]  # a batch of trials, with its result or `Failure`
+
+
 class ChunkReport(NamedTuple):
     """Says what became of the trials of a chunk."""
 
-    outcomes: list[
-        tuple[tuple[int, ...], Any]
-    ]  # batches of trials, each with its result or `Failure`
+    outcomes: list[TrialsOutcome]  # of each batch that was begun
     machine: dict[str, str]  # host, platform and processor
     seconds: float  # s, wall time of the chunk
-    unfinished: tuple[
-        int, ...
-    ] = ()  # trials not begun, since one before them hangs in this process
+    unfinished: Trials = ()  # trials not begun, since one before them hangs in this process
     mistake: str | None = None  # of the user or of the machine, which is no trial's own fault
 
 
@@ -57,7 +56,7 @@ def apply_setup(setup: WorkerSetup) -> None:
 
 
 def start_worker(setup: WorkerSetup) -> None:
-    """Begins a worker on this machine: it leaves signals to its parent, and dies with it."""
+    """Sets up a worker of this machine: it ignores signals, and ends when its parent does."""
     signals.ignore()
     apply_setup(setup)
     parent = multiprocessing.parent_process()
@@ -78,15 +77,15 @@ def confirm_start() -> None:
 def run_chunk(
     work: Callable[..., Any],
     config: dict[str, Any],
-    batches: Sequence[tuple[int, ...]],
+    batches: Sequence[Trials],
     seconds: float | None,
 ) -> ChunkReport:
     """Calls `work(config, trials)` for every batch of trials, each within a time limit (s; None:
     any time).
     """
     start_time = time.monotonic()
-    outcomes: list[tuple[tuple[int, ...], Any]] = []
-    unfinished: tuple[int, ...] = ()
+    outcomes: list[TrialsOutcome] = []
+    unfinished: Trials = ()
     mistake: str | None = None
     for index, trials in enumerate(batches):
         try:

@@ -17,9 +17,7 @@ class Workers(Protocol):
     """Runs functions in other processes, one at a time in each."""
 
     count: int  # number of workers, about
-    own_environment: (
-        bool  # whether their environment differs, so that this process cannot tell their device
-    )
+    own_environment: bool  # whether their device may be another than that of this process
     grain: float  # s, the time that a chunk should take, so that handing it out costs little
 
     def room(self) -> int:

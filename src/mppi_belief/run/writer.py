@@ -25,9 +25,8 @@ class ResultsWriter:
     """Collects completed batches and writes the files of their cells."""
 
     def __init__(self, root: Path, functions: TrialFunctions, provenance: dict[str, Any]) -> None:
-        self.provenance = (
-            provenance  # what the files say of this run; may be added to before a write
-        )
+        # What the files say of this run; the runner adds to it before the first write.
+        self.provenance = provenance
         self._root = root
         self._functions = functions
         self._waiting: dict[str, list[CompletedBatch]] = defaultdict(list)  # by cell id

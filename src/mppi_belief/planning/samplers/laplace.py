@@ -1,8 +1,9 @@
 """Paths from the optimal feedback policy of the problem expanded about the nominal.
 
 One path in five is drawn about the nominal itself. The formulas are those of
-`mppi_belief.planning.feedback_policy`. Far fewer paths do, and the control for many paths is that
-of the nominal sampler, unless R dt > temperature / control_std^2.
+`mppi_belief.planning.feedback_policy`. Far fewer paths suffice than with the nominal sampler. In
+the limit of many paths the controls of both are the same, unless R dt > temperature /
+control_std^2.
 """
 
 from typing import ClassVar

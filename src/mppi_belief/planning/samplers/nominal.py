@@ -14,13 +14,7 @@ from jax import Array
 from ...problem import Problem
 from ...structs import choice, number, struct
 from ..parts import Draw, DrawnPaths, PathCost, PlannedBelief
-from ..path_integral import (
-    girsanov,
-    girsanov_weight,
-    matched_increments,
-    normals,
-    shifted,
-)
+from ..path_integral import girsanov, girsanov_weight, matched_increments, normals, shifted
 
 
 @struct
@@ -52,7 +46,7 @@ class NominalSampler:
         return self.around(problem, nominal, temperature)
 
     def around(self, problem: Problem, nominal: Array, temperature: Array | float) -> Draw:
-        """Returns the same function; it needs neither costs nor covariances."""
+        """Returns a function that draws paths; it needs neither path costs nor covariances."""
         weight = girsanov_weight(problem, temperature, self.control_std, self.alpha)
 
         def draw(key: Array, n: int) -> DrawnPaths:

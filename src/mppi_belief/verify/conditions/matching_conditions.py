@@ -17,9 +17,8 @@ from ...results.certificate import Check
 from ..bands import EPSILON, at_most, near, rounding
 from .trial_path import TrialPath, schedule_operations
 
-CONSTANT_WEIGHT_TOLERANCE = (
-    1e-6  # root of the duality gap per step at which the search for one W ends
-)
+# Root of the duality gap per step at which the search for one W ends.
+CONSTANT_WEIGHT_TOLERANCE = 1e-6
 
 
 def matching_conditions(

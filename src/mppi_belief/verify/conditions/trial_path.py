@@ -12,9 +12,8 @@ from ...errors import ConfigError
 from ...problem import Controller, Filter, Problem
 from ...simulate import simulate_trial
 
-RICCATI_PRODUCTS = (
-    100  # matrix products of a Riccati step: its exponential, the doublings, two solves in each
-)
+# Matrix products of a Riccati step: its exponential, the doublings, two solves in each.
+RICCATI_PRODUCTS = 100
 
 
 class TrialPath(NamedTuple):

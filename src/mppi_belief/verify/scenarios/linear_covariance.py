@@ -43,9 +43,8 @@ WIND_DURATION = 1.0  # T
 PIECE_STEPS = 20  # of a piece; schedules are computed in pieces, which compile once
 LOCAL_ERROR = 1e-12  # of the reference's integrator in a step
 WIND_DT = 0.1  # of the closed loops and of the settled filter
-STEP_OPERATIONS = (
-    200  # roundings of an entry of Sigma in a step: some 20 matrix products of n terms
-)
+# Roundings of an entry of Sigma in a step: some 20 matrix products of n terms.
+STEP_OPERATIONS = 200
 
 
 class CovarianceReference(NamedTuple):

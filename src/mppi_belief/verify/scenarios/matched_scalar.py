@@ -27,12 +27,10 @@ from ..bands import rounding
 from ..compilation import quick_jit
 from ..solvers.scalar_equations import Quadratic, ScalarEquation
 
-GRID_REACH = (
-    7.0  # half width of the grids; from there the optimum does not come near the obstacles before T
-)
-COST_BLOCK = (
-    4096  # grid points whose cost is computed at once, so that grids of any size compile once
-)
+# Half width of the grids; from there the optimum does not come near the obstacles before T.
+GRID_REACH = 7.0
+# Grid points whose cost is computed at once, so that grids of any size compile once.
+COST_BLOCK = 4096
 
 
 class MatchedProblem(NamedTuple):
