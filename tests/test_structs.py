@@ -16,7 +16,7 @@ from helpers import light_dark_problem
 
 @mb.struct
 class Thermostat:
-    weights: Array = mb.array(ndim=1, ge=0)
+    weights: Array = mb.array(ndim=1, ge=0, le=100)
     shape: Array = mb.array(ndim=(1, 2))
     gain: float = mb.number(1.0, ge=0)
     limit: float = mb.number(2.0, gt=0, le=5)
@@ -50,6 +50,7 @@ def thermostat(**fields) -> Thermostat:
         ("weights", [[1.0]], "1 dimension"),
         ("weights", [1.0, np.nan], "finite everywhere"),
         ("weights", [1.0, -2.0], "at least 0 everywhere"),
+        ("weights", [1.0, 101.0], "at most 100 everywhere"),
         ("weights", [1.0, "a"], "array of numbers"),
         ("weights", [[1.0], [1.0, 2.0]], "array of numbers"),
         ("weights", None, "dimension"),

@@ -101,6 +101,7 @@ class ArrayOfNumbers:
             )
         if value.size:
             check_range(np.min(value), self, where)
+            check_range(np.max(value), self, where)
 
 
 def number(
@@ -157,7 +158,7 @@ def choice(*options: Any, default: Any = dataclasses.MISSING) -> Any:
     field_specifiers=(number, array, size, indices, choice, dataclasses.field),
 )
 def struct(cls: type[T]) -> type[T]:
-    """Makes `cls` a frozen dataclass, check its fields on construction, register it as a pytree.
+    """Makes `cls` a frozen dataclass and a JAX pytree whose fields are checked on construction.
 
     A `__post_init__` of the class itself is called after its fields are checked.
     """
@@ -188,7 +189,7 @@ def _is_static(rule: Any) -> bool:
 
 
 def _check_fields(self: Any) -> None:
-    """Checks and convert every field that has a rule."""
+    """Checks and converts every field that has a rule."""
     for name, rule in rules(type(self)).items():
         value = getattr(self, name)
         if _is_static(rule) or not _is_traced(value):
