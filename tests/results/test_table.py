@@ -3,6 +3,7 @@
 import errno
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -13,7 +14,8 @@ import pytest
 from cli_helpers import files_in
 from mppi_belief.results import files
 from mppi_belief.results import table as results
-from mppi_belief.results.contents import read_cell, read_rows
+from mppi_belief.results.compact import compact
+from mppi_belief.results.contents import path_of, read_cell, read_rows
 from mppi_belief.results.provenance import provenance
 from mppi_belief.results.sources import sources_of
 from results_helpers import EXTREMES, bits
@@ -112,6 +114,24 @@ def test_trajectories_come_back_in_order_and_once(tmp_path):
         assert all(
             bits(got[key]) == bits(expected[key]) for key in ("state", "mean", "cov", "control")
         )
+
+
+def test_a_path_that_is_stored_twice_is_the_one_that_merging_keeps(tmp_path):
+    def steps(value: float) -> list[dict[str, Any]]:
+        arrays = {name: np.full(2, value) for name in ("state", "mean", "cov", "control")}
+        return [{"trial": 3, "step": k, **arrays} for k in range(2)]
+
+    results.write_paths(tmp_path, steps(1.0))
+    results.write_paths(tmp_path, steps(2.0))
+    contents = read_cell(tmp_path)
+    before = path_of(contents, 3)
+    assert [step["step"] for step in before] == [0, 1]
+    assert path_of(contents, 4) == []
+    for step, (_, row_of_steps) in zip(before, contents.steps.iterrows(), strict=True):
+        np.testing.assert_array_equal(step["state"], row_of_steps["state"])
+    compact(tmp_path)
+    after = path_of(read_cell(tmp_path), 3)
+    np.testing.assert_array_equal([s["mean"] for s in before], [s["mean"] for s in after])
 
 
 def test_small_files_come_back_and_a_missing_or_broken_one_is_none(tmp_path):

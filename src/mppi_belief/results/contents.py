@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
-import pyarrow.compute as pc
 
 from ..config.cell import ALGORITHM_VERSION, IDENTITY, Cell, labels
 from .columns import COLUMNS, PATH_COLUMNS
@@ -68,9 +67,8 @@ class CellContents:
 def read_cell(folder: Path, kinds: tuple[str, ...] = ALL_KINDS) -> CellContents:
     """Reads the files of a cell, or those of some kinds.
 
-    A file that cannot be read is left out, with a line in `problems`.
-
-    Trajectories are read first, since a run writes a trial's row after its path.
+    A file that cannot be read is left out, with a line in `problems`. Trajectories are read first:
+    a run writes a trial's row after its path, so every row that is read has its path.
     """
     problems: list[str] = []
     paths = read_files(folder, "paths", problems.append) if "paths" in kinds else []
@@ -106,12 +104,10 @@ def each_trial_once(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def path_of(contents: CellContents, trial: int) -> list[dict[str, Any]]:
-    """Returns the kept steps of a trial (`PATH_COLUMNS`) in order; empty where none were kept."""
-    steps: dict[int, dict[str, Any]] = {}
-    for file in contents.paths:
-        for step in file.table.filter(pc.field("trial") == trial).to_pylist():
-            steps[step["step"]] = step
-    return [steps[number] for number in sorted(steps)]
+    """Returns the stored steps of a trial (`PATH_COLUMNS`) in order; empty if there are none."""
+    steps = contents.steps
+    records: Any = steps[steps["trial"] == trial].to_dict("records")
+    return list(records)
 
 
 def superseded(contents: CellContents) -> str | None:
