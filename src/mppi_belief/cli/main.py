@@ -117,7 +117,7 @@ def _unknown_command(args: list[str]) -> str:
 
 
 def _discard_output() -> None:
-    """Discards what stdout has buffered, since nobody reads it any more."""
+    """Drops what stdout has buffered, since nobody reads it."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 

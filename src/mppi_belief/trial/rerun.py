@@ -1,4 +1,4 @@
-"""Runs one trial again and compares it, bit for bit, with what was kept of it."""
+"""Runs one trial again and compares it, bit for bit, with its stored row and path."""
 
 from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
@@ -11,18 +11,18 @@ PATH_QUANTITIES = ("state", "mean", "cov", "control")  # columns of a path that 
 
 
 class Difference(NamedTuple):
-    """Holds a quantity that came out otherwise."""
+    """Holds one column in which the new run differs from the stored trial."""
 
     name: str  # the column
-    then: Any  # the first value that differs, as it was kept
+    then: Any  # the first value that differs, as it was stored
     now: Any  # the same value of the new run
-    ulp: int | None  # numbers of the precision between them, the most of all; None: no numbers
+    ulp: int | None  # largest distance of two values, in steps of the precision; None: no numbers
     values: int  # how many values of this column differ
     location: str  # where along the path the first one is; empty for a value of the row
 
 
 def rerun(config: dict[str, Any], trial: int) -> Batch:
-    """Runs one trial at its place in its batch, and keep its path.
+    """Runs one trial at its position in its batch, and keeps its path.
 
     Raises `ConfigError` where the configuration cannot be run.
     """
@@ -30,52 +30,62 @@ def rerun(config: dict[str, Any], trial: int) -> Batch:
 
 
 def differences(
-    then: dict[str, Any],
-    now: dict[str, Any],
-    path: Sequence[dict[str, Any]],
-    again: Sequence[dict[str, Any]],
-    bits: str,
+    row_then: dict[str, Any],
+    row_now: dict[str, Any],
+    path_then: Sequence[dict[str, Any]],
+    path_now: Sequence[dict[str, Any]],
+    precision: str,
 ) -> list[Difference]:
-    """Returns what differs between two rows and two paths.
+    """Returns what differs between two rows and two paths, a step of a path being a dict.
 
-    The columns are those of `then`. A path of which nothing was kept is not compared. `bits` is the
-    precision, "float32" or "float64".
+    The columns compared are those of `row_then`, and `PATH_QUANTITIES` if the path was stored.
+    `precision` is "float32" or "float64".
     """
-    compared = [_compare_values(name, value, now.get(name), bits) for name, value in then.items()]
-    if path and len(path) != len(again):
-        compared.append(Difference("steps of the path", len(path), len(again), None, 1, ""))
-    elif path:
-        compared += [_compare_paths(name, path, again, bits) for name in PATH_QUANTITIES]
+    compared = [
+        _compare_values(name, value, row_now.get(name), precision)
+        for name, value in row_then.items()
+    ]
+    n_then = len(path_then)
+    n_now = len(path_now)
+    if path_then and n_then != n_now:
+        compared.append(Difference("steps of the path", n_then, n_now, None, 1, ""))
+    elif path_then:
+        compared += [
+            _compare_paths(name, path_then, path_now, precision) for name in PATH_QUANTITIES
+        ]
     return [difference for difference in compared if difference is not None]
 
 
-def _compare_values(name: str, then: Any, now: Any, bits: str) -> Difference | None:
+def _compare_values(name: str, then: Any, now: Any, precision: str) -> Difference | None:
     """Compares two values of a row."""
     if isinstance(then, float) and isinstance(now, float):
         if _same_bits(np.array([then]), np.array([now])).all():
             return None
-        return Difference(name, then, now, ulps(then, now, bits), 1, "")
+        return Difference(name, then, now, ulps(then, now, precision), 1, "")
     if then == now:
         return None
     return Difference(name, then, now, None, 1, "")
 
 
 def _compare_paths(
-    name: str, path: Sequence[dict[str, Any]], again: Sequence[dict[str, Any]], bits: str
+    name: str,
+    path_then: Sequence[dict[str, Any]],
+    path_now: Sequence[dict[str, Any]],
+    precision: str,
 ) -> Difference | None:
     """Compares one quantity along two paths of the same length."""
-    then = np.array([step[name] for step in path], dtype=np.float64)
-    now = np.array([step[name] for step in again], dtype=np.float64)
+    then = np.array([step[name] for step in path_then], dtype=np.float64)
+    now = np.array([step[name] for step in path_now], dtype=np.float64)
     if then.shape != now.shape:
         sizes = [f"{values.shape[1]} values per step" for values in (then, now)]
         return Difference(name, sizes[0], sizes[1], None, 1, "")
     differing = [tuple(index) for index in np.argwhere(~_same_bits(then, now))]
     if not differing:
         return None
-    distances = [ulps(then[index], now[index], bits) for index in differing]
+    distances = [ulps(then[index], now[index], precision) for index in differing]
     largest = max((ulp for ulp in distances if ulp is not None), default=None)
     step, component = differing[0]
-    location = f"step {path[step]['step']}, component {component}"
+    location = f"step {path_then[step]['step']}, component {component}"
     first_then = float(then[differing[0]])
     first_now = float(now[differing[0]])
     return Difference(name, first_then, first_now, largest, len(differing), location)
@@ -87,17 +97,17 @@ def _same_bits(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     return same | (np.isnan(first) & np.isnan(second))
 
 
-def ulps(first: float, second: float, bits: str) -> int | None:
+def ulps(first: float, second: float, precision: str) -> int | None:
     """Returns how many steps of a precision lie between two numbers; None if one is not finite."""
     if not (np.isfinite(first) and np.isfinite(second)):
         return None
-    return abs(_rank(first, bits) - _rank(second, bits))
+    return abs(_rank(first, precision) - _rank(second, precision))
 
 
-def _rank(value: float, bits: str) -> int:
-    """Returns the place of a number among all of its precision, 0 for zero, negative below it."""
-    kind: Any = np.dtype(bits).type
-    integer = np.dtype(bits).str.replace("f", "i")
+def _rank(value: float, precision: str) -> int:
+    """Returns the position of a number among all of its precision, counted from zero."""
+    kind: Any = np.dtype(precision).type
+    integer = np.dtype(precision).str.replace("f", "i")
     rank = int(abs(kind(value)).view(integer))
     return -rank if value < 0 else rank
 
