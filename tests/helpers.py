@@ -11,6 +11,9 @@ import numpy as np
 from jax import Array
 
 import mppi_belief as mb
+from mppi_belief.belief.gaussian import covariance
+from mppi_belief.belief.riccati import riccati_root
+from mppi_belief.numerics.square_root import pivoted_cholesky
 
 CENTERS = [[3, 1], [3, -1]]
 # as compiled outside of the tests, see `compile_simply` in conftest.py
@@ -148,6 +151,12 @@ def random_spd(rng: np.random.Generator, n: int, low: float = 0.5, high: float =
     """A symmetric positive definite matrix with eigenvalues in [low, high]."""
     basis, _ = np.linalg.qr(rng.normal(size=(n, n)))
     return basis @ np.diag(rng.uniform(low, high, n)) @ basis.T
+
+
+@quick_jit
+def riccati_step(cov: Array, A: Array, Q: Array, C: Array, R_o: Array, dt: Array | float) -> Array:
+    """Returns the covariance that `riccati_root` gives after dt, from a covariance (nx, nx)."""
+    return covariance(riccati_root(pivoted_cholesky(cov), A, Q, C, R_o, dt))
 
 
 def assert_mean(samples: np.ndarray, target: np.ndarray | float, sigmas: float = SIGMAS) -> None:

@@ -7,7 +7,7 @@ from scipy.linalg import solve_continuous_are
 
 import mppi_belief as mb
 import reference
-from helpers import Scalar, light_dark_problem, quick_jit, random_spd
+from helpers import Scalar, light_dark_problem, quick_jit, random_spd, riccati_step
 from mppi_belief.belief import kalman as belief
 from mppi_belief.belief import riccati
 from mppi_belief.belief import schedule as schedules
@@ -17,7 +17,6 @@ from mppi_belief.discretise import measurement_cov, measurement_intensity
 SHAPES = [(1, 1), (2, 1), (4, 2)]
 STEPS = 20
 INTENSITY = {"noise_convention": "intensity"}
-riccati_step = quick_jit(riccati.riccati_step)
 riccati_rate = quick_jit(riccati.riccati_rate)
 gain_schedule = quick_jit(schedules.gain_schedule, static_argnames="method")
 

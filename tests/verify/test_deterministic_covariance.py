@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 
 import reference
 from certificate_helpers import assert_holds
-from helpers import float64, quick_jit, random_spd
-from mppi_belief.belief import riccati
+from helpers import float64, quick_jit, random_spd, riccati_step
 from mppi_belief.belief import schedule as schedules
 from mppi_belief.belief.schedule import gain_schedule
 from mppi_belief.problem import Belief
@@ -21,7 +20,6 @@ from mppi_belief.verify.scenarios import linear_covariance as model
 from mppi_belief.verify.scenarios.covariance_limits import short_step_results
 from mppi_belief.verify.scenarios.covariance_steps import per_step_checks, settled_checks
 
-riccati_step = quick_jit(riccati.riccati_step)
 schedule = quick_jit(gain_schedule, static_argnames="method")
 
 

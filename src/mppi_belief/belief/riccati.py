@@ -29,18 +29,15 @@ def kalman_bucy_gain(cov: Array, C: Array, R_o: Array) -> tuple[Array, Array]:
     return factor / deviations @ T, covariance(factor)
 
 
-def riccati_step(cov: Array, A: Array, Q: Array, C: Array, R_o: Array, dt: Array | float) -> Array:
-    """Solves (8b)(11) over dt with frozen coefficients, see `riccati_root`; Q (nx, nx)."""
-    return covariance(riccati_root(pivoted_cholesky(cov), A, Q, C, R_o, dt))
-
-
 def riccati_root(root: Array, A: Array, Q: Array, C: Array, R_o: Array, dt: Array | float) -> Array:
     """Returns the root (nx, nx) of the solution of (8b)(11) over dt with frozen coefficients.
 
-    It is exact but for rounding. The Hamiltonian flow (Davison and Maki 1973) over dt / 2^s is
-    written as the map Sigma -> W + F Sigma (I + J Sigma)^-1 F', which is then composed with itself
-    s times: unlike the flow, the map stays bounded however well the state is seen.
-    (I + J Sigma)^-1 is what a measurement of information J does, so the map keeps roots throughout.
+    All arguments but C (ny, nx), R_o (ny, ny) and dt are (nx, nx); Sigma = root root' at the start.
+    The solution is exact but for rounding. The Hamiltonian flow (Davison and Maki 1973) over
+    dt / 2^s is written as the map Sigma -> W + F Sigma (I + J Sigma)^-1 F', which is then composed
+    with itself s times: unlike the flow, the map stays bounded however well the state is seen.
+    (I + J Sigma)^-1 is what a measurement of information J does, so the map keeps roots
+    throughout.
     """
     n = root.shape[0]
     eye = jnp.eye(n, dtype=root.dtype)
