@@ -12,12 +12,14 @@ from typing import Any, NamedTuple
 
 from mppi_belief.config.cell import Cell
 from mppi_belief.errors import ConfigError
+from mppi_belief.results.columns import Consistency, Metrics
 from mppi_belief.run.local import LocalWorkers
 from mppi_belief.run.plan import Chunk
 from mppi_belief.run.pool import Pool
 from mppi_belief.run.worker import WorkerSetup
 
 TESTS = str(Path(__file__).resolve().parent)
+METRICS = (*Metrics._fields, *Consistency._fields)
 
 
 class Batch(NamedTuple):
@@ -43,11 +45,9 @@ def row(trial: int, **values: Any) -> dict[str, Any]:
     numbers = {
         "theta": 1.0,
         "w_obs": 500.0,
+        **dict.fromkeys(METRICS, 1.0),
         "running_cost": 2.0,
-        "terminal_cost": 1.0,
         "final_distance": 0.5,
-    }
-    judged = {
         "cost": 3.0 + trial,
         "collided": False,
         "clearance": 0.25,
@@ -61,7 +61,6 @@ def row(trial: int, **values: Any) -> dict[str, Any]:
         "status": "ok",
         "controller": "fake",
         **numbers,
-        **judged,
         "steps": 3,
         "error": None,
         **values,
@@ -69,17 +68,7 @@ def row(trial: int, **values: Any) -> dict[str, Any]:
 
 
 def failed_row(config: dict[str, Any], trial: int, status: str, error: str) -> dict[str, Any]:
-    names = (
-        "cost",
-        "running_cost",
-        "terminal_cost",
-        "clearance",
-        "final_distance",
-        "ess",
-        "nees",
-        "nis",
-    )
-    missing = dict.fromkeys(names, float("nan"))
+    missing = dict.fromkeys(METRICS, float("nan"))
     return row(trial) | missing | {"collided": None, "steps": 0, "status": status, "error": error}
 
 
