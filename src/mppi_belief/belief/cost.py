@@ -66,8 +66,8 @@ def risk_sensitive(
         theta: risk aversion
         variance_of: "penalty" takes the variance of the obstacle penalty, "total" that of all of q
         expectation: "exact" expects the penalty as in (3); "at_mean" takes its value at the mean,
-            with which theta = 0 is the certainty-equivalent planner (the rest of E[q] differs from
-            base(mean) by the same for all paths)
+            with which theta = 0 is the certainty-equivalent planner (the base cost's expectation
+            exceeds base(mean) by the same amount for all paths)
     """
     moments = running_moments(problem, mean, cov)
     penalty = moments.penalty if expectation == "exact" else problem.penalty(mean)

@@ -3,7 +3,7 @@
     u_k = feedforward_k + K_k mu_k,   K from the discrete control Riccati recursion
 
 On a linear-quadratic problem every sampling controller of this package tends to it. It does not see
-obstacles, so its cost is the cost of the free road.
+obstacles, so its cost is that of the problem without them.
 """
 
 import jax.numpy as jnp
@@ -29,7 +29,7 @@ class LQG:
     at_step_end: bool = choice(False, True, default=False)
 
     def init(self, problem: Problem) -> ilqr.Policy:
-        """Returns the solution of the expansion about the uncontrolled mean; exact if that is."""
+        """Returns the solution about the uncontrolled mean, exact for a linear-quadratic problem."""
         nominal = ilqr.uncontrolled(problem, self.horizon or problem.steps)
         cost = ilqr.state_cost(problem, problem.cost.base, len(nominal.controls), self.at_step_end)
         improvement = ilqr.lq_improvement(problem, cost, nominal)

@@ -47,8 +47,9 @@ def degree_five_rule(n: int) -> tuple[np.ndarray, np.ndarray]:
 def sigma_points(n: int) -> tuple[np.ndarray, np.ndarray]:
     """Returns points (P, n) and positive weights (P,) for N(0, I_n).
 
-    Up to 4 states those of the rule of degree 5, without the points of weight zero; beyond, where
-    some of its weights are negative, the 2 n points of degree 3 (Arasaratnam and Haykin 2009).
+    Up to 4 states they are those of the rule of degree 5, without the points of weight zero. With
+    more states, where some weights of this rule are negative, they are the 2 n points of degree 3
+    (Arasaratnam and Haykin 2009).
     """
     if n > MOST_STATES_OF_DEGREE_FIVE:
         return np.sqrt(n) * np.vstack([np.eye(n), -np.eye(n)]), np.full(2 * n, 0.5 / n)

@@ -48,11 +48,9 @@ def mean_interval(values: np.ndarray, level: float = 0.95) -> Estimate:
 
 
 def chi_square_band(freedom: float, level: float = 0.95) -> Estimate:
-    """Returns the band in which the mean of `freedom` squared standard normals lies.
+    """Returns the band that holds the mean of `freedom` squared standard normals.
 
-    It does so with probability `level`.
-
-    The value of the estimate is the expectation of that mean, 1.
+    It holds it with probability `level`. The value of the estimate is the expectation, 1.
     """
     tails = ((1 + level) / 2, (1 - level) / 2)
     low, high = (float(chdtri(freedom, tail)) / freedom for tail in tails)

@@ -1,6 +1,4 @@
-"""Holds the chunks that are still to be run, and hands them out in pieces that take a suitable
-time.
-"""
+"""Holds the chunks that are still to be run, and joins short ones until they are worth sending."""
 
 import math
 from collections import Counter, deque

@@ -4,11 +4,11 @@ The pool promises:
 
 1. Every trial is yielded once, with what its worker made of it or with a `Failure`. An exception in
    a batch of trials fails that batch and no other.
-2. When a worker dies, its chunk is run again, halved until the trial that kills its worker is
+2. When a worker dies, its chunk is run again in halves, until the trial that kills its worker is
    found; a trial whose worker dies twice is given up as "crashed" (`crashes.py`).
-3. A batch that takes longer than `seconds` is given up as "timeout". Its worker is ended, and what
-   that had not begun is run again. The worker looks at the clock; one that cannot is ended from
-   outside (`watchdog.py`).
+3. A batch that takes longer than `seconds` is given up as "timeout". Its worker is ended, and the
+   batches that it had not begun are run again. The worker itself looks at the clock; one that
+   hangs so that it cannot is ended from outside (`watchdog.py`).
 4. A mistake of the user or of the machine (`ConfigError`) is no trial's fault and ends the run, and
    so does the loss of all workers (`WorkersGone`); what has come back before is yielded.
 5. After `stop()` no chunk is started, and those that run are finished.
@@ -102,7 +102,7 @@ class Pool:
         for chunk in chunks:
             self._queue.add(chunk)
         while self._running or (self._queue and not self._stopping.is_set()):
-            # Start what there is room for, and wait for something to end.
+            # Start as many chunks as there are idle workers, and wait until one ends.
             if self._stopping.is_set():
                 for future in self._workers.withdraw([*self._running]):
                     del self._running[future]

@@ -32,7 +32,7 @@ from .build import CellParts, build
 from .device import computing
 
 PER_AXIS = 9  # Gauss-Hermite points per axis
-TENSOR_UP_TO = 4  # states; beyond, the points are those of a cubature rule
+TENSOR_UP_TO = 4  # states; for more, `gaussian_nodes` chooses the points
 SHOWN = 40  # sampled paths kept of each step: the heaviest quarter, and the first of the others
 
 

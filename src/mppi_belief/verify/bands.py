@@ -50,10 +50,10 @@ def rounding(computed: str, error: float, operations: float, scale: float = 1.0)
 
 
 def quantile(points: int = 1, degrees: float = math.inf) -> float:
-    """Returns how many standard errors a true statement stays within at all of `points` points.
+    """Returns the number of standard errors that bounds the errors at all of `points` points.
 
-    It does not do so with probability `FALSE_ALARM`. `degrees` of freedom are finite where the
-    standard error was itself estimated.
+    If the statement is true, some error exceeds it with probability `FALSE_ALARM` at most.
+    `degrees` of freedom are finite where the standard error was itself estimated.
     """
     # Importing SciPy's distributions takes a second, and some callers need only the checks.
     from scipy.stats import t as student_t
