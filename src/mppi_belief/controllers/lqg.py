@@ -29,7 +29,7 @@ class LQG:
     at_step_end: bool = choice(False, True, default=False)
 
     def init(self, problem: Problem) -> ilqr.Policy:
-        """Returns the solution about the uncontrolled mean, exact for a linear-quadratic problem."""
+        """Returns the solution about the uncontrolled mean, exact for an LQ problem."""
         nominal = ilqr.uncontrolled(problem, self.horizon or problem.steps)
         cost = ilqr.state_cost(problem, problem.cost.base, len(nominal.controls), self.at_step_end)
         improvement = ilqr.lq_improvement(problem, cost, nominal)

@@ -2,9 +2,9 @@
 
     c(x) - E c = A(mu) (x - mu)   for all mu                                              (7)
 
-What a measurement does to the belief N(mu, Sigma) is in the direction pi (c - E c); what moving its
-mean does is in pi Sigma^-1 (x - mu). The part of the former outside the latter, in the mean square
-under pi, is
+A measurement changes the density pi of the belief N(mu, Sigma) in the directions pi (c - E c); a
+change of its mean is in the directions pi Sigma^-1 (x - mu). The part of the former outside the
+latter, in the mean square under pi, is
 
     min_A E|c - E c - A (x - mu)|^2 / E|c - E c|^2
 

@@ -6,8 +6,8 @@
 w_k is 1 but for one end of the horizon, see `lq_problem.charge_weights`. Each iteration expands the
 dynamics to first and the costs to second order about the nominal (state Hessians projected to PSD,
 so that every backward pass is well posed), solves the LQ problem, and searches along its direction.
-Additive noise, also one whose sensor noise depends on the state, leaves this solution as it is
-(certainty equivalence).
+Additive process noise, and sensor noise even if it depends on the state, does not change this
+solution (certainty equivalence).
 
 Symbols: H steps of the horizon, nx states, nu controls.
 """
@@ -38,7 +38,7 @@ class Policy(NamedTuple):
 
 
 class ILQRSolution(NamedTuple):
-    """Holds a policy and how it was found."""
+    """Holds a policy, its cost and how many iterations it took."""
 
     policy: Policy
     cost: Array  # (): the objective along the policy
