@@ -25,7 +25,6 @@ DOCUMENTS = sorted(
     [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), *(ROOT / "experiments").rglob("*.md")]
 )
 README_LINES = 100
-RUN_ELSEWHERE = ["api.md"]  # by tests/test_public_api.py
 # A block of code with the comment before it: nothing, `excerpt` (not run), or `file: PATH`.
 CODE_BLOCK = re.compile(
     r"(?:^<!-- (?P<mark>excerpt|file: \S+) -->\n)?^```python\n(?P<code>.*?)^```$",
@@ -76,7 +75,7 @@ def test_the_readme_is_short():
 
 @pytest.mark.parametrize(
     "document",
-    [page for page in DOCUMENTS if code_blocks(page) and page.name not in RUN_ELSEWHERE],
+    [page for page in DOCUMENTS if code_blocks(page)],
     ids=name_of,
 )
 def test_python_in_documents_runs_in_order(document, tmp_path, monkeypatch):
