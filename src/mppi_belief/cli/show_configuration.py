@@ -47,5 +47,5 @@ def groups_and_keys(request: Request) -> str:
     lines += [
         f"{group}: {', '.join(options)}" for group, options in groups(request.config_dirs).items()
     ]
-    lines += ["", "Keys and their values: set with KEY=VALUE, nested ones as controller.horizon=20"]
+    lines += ["", "Keys and their values: set with KEY=VALUE, nested ones as planner.horizon=20"]
     return "\n".join(lines) + "\n" + OmegaConf.to_yaml(first_job(request).config)

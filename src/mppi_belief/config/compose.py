@@ -142,7 +142,7 @@ def _composing(request: Request) -> Iterator[None]:
         with initialize_config_dir(str(conf_dir()), job_name="mppi-belief", version_base="1.3"):
             yield
     except Exception as error:
-        raise ConfigError(config_error_line(error, conf_dir())) from error
+        raise ConfigError(config_error_line(error, request.config_dirs)) from error
 
 
 def _check_words(overrides: Sequence[str]) -> None:
@@ -153,6 +153,8 @@ def _check_words(overrides: Sequence[str]) -> None:
         if not word.isprintable():  # control characters, bytes that are not UTF-8
             raise ConfigError(f"{word}: must be printable text")
         key = key_of(word)
+        if "=" not in word and not word.startswith("~"):
+            raise ConfigError(f"{word}: must have the form KEY=VALUE")
         if "hydra" in re.split(r"[@:./]", key) and not key.startswith(HYDRA_KEYS):
             raise ConfigError(f"{key} cannot be set; only {' and '.join(HYDRA_KEYS)} are heeded")
     for group in ("sweep", "experiment"):
@@ -165,7 +167,7 @@ def _configuration(job: ComposedJob) -> dict[str, Any]:
     try:
         config: Any = OmegaConf.to_container(job.config, resolve=True)
     except Exception as error:
-        raise ConfigError(config_error_line(error, conf_dir())) from error
+        raise ConfigError(config_error_line(error)) from error
     return {str(key): value for key, value in config.items()}
 
 

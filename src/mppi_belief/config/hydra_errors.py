@@ -3,24 +3,19 @@ is allowed.
 """
 
 import re
-from collections.abc import Callable, Iterator
-from dataclasses import fields
+from collections.abc import Callable, Iterator, Sequence
 from difflib import get_close_matches
-from pathlib import Path
-from typing import Any
 
 import yaml
-from omegaconf import OmegaConf
 
-from ..errors import ConfigError, first_line, unknown_key
-from .settings import Settings
+from ..errors import ConfigError, first_line
+from .misspelt_keys import unknown_key_line
 
-SEE = "see mppi-belief run --cfg job"
 TYPES = {"Float": "a number", "Integer": "a whole number", "Boolean": "true or false"}
 
 
-def config_error_line(error: BaseException, conf: Path) -> str:
-    """Returns what is wrong, in one line; `conf` is the folder with the config groups."""
+def config_error_line(error: BaseException, folders: Sequence[str] = ()) -> str:
+    """Returns what is wrong, in one line; `folders` are those of `--config-dir`."""
     causes = list(_causes(error))
     for cause in causes:
         if isinstance(cause, ConfigError):
@@ -35,7 +30,7 @@ def config_error_line(error: BaseException, conf: Path) -> str:
     for pattern, describe in _MESSAGES:
         match = re.search(pattern, text, re.DOTALL)
         if match:
-            return describe(match, conf)
+            return describe(match, folders)
     return first_line(text) or type(error).__name__
 
 
@@ -53,37 +48,11 @@ def _yaml_line(error: yaml.MarkedYAMLError) -> str:
     return f"{where}{error.problem}"
 
 
-def _unknown_key(match: re.Match[str], conf: Path) -> str:
-    key = match["key"].strip("'\"+~")
-    parent = key.rpartition(".")[0]
-    known = _known_keys(parent, conf)
-    if key in known:
-        group = parent.partition(".")[0]
-        return f"'{key}' is a key of another {group} than the one chosen; {SEE}"
-    return unknown_key(key, known)
+def _unknown_key(match: re.Match[str], folders: Sequence[str]) -> str:
+    return unknown_key_line(match["key"].strip("'\"+~"), folders)
 
 
-def _known_keys(parent: str, conf: Path) -> list[str]:
-    """Returns keys and groups of the top level, or the keys below `parent` in any file under
-    `conf`.
-    """
-    if not parent:
-        groups = [entry.name for entry in conf.iterdir() if entry.is_dir()]
-        return [*(setting.name for setting in fields(Settings)), *groups]
-    keys: set[str] = set()
-    for path in conf.rglob("*.yaml"):
-        node: Any = OmegaConf.to_container(OmegaConf.load(path), resolve=False)
-        if isinstance(node, dict) and parent.split(".")[0] not in node:
-            for group in reversed(path.parent.relative_to(conf).parts):
-                node = {group: node}  # the keys of this file are those of its group
-        for part in parent.split("."):
-            node = node.get(part) if isinstance(node, dict) else None
-        if isinstance(node, dict):
-            keys |= {f"{parent}.{key}" for key in node}
-    return sorted(keys)
-
-
-def _unknown_option(match: re.Match[str], conf: Path) -> str:
+def _unknown_option(match: re.Match[str], folders: Sequence[str]) -> str:
     group, _, option = match["choice"].rpartition("/")
     options = [line.strip() for line in match["options"].splitlines() if line.strip()]
     near = get_close_matches(option, options, n=1)
@@ -91,16 +60,16 @@ def _unknown_option(match: re.Match[str], conf: Path) -> str:
     return f"{group}={option}: no such option, choose from {', '.join(options)}{guess}"
 
 
-def _wrong_type(match: re.Match[str], conf: Path) -> str:
+def _wrong_type(match: re.Match[str], folders: Sequence[str]) -> str:
     wanted = TYPES.get(match["type"], match["type"])
     return f"{match['key']} must be {wanted}, got {match['value']}"
 
 
-def _error_in_file(match: re.Match[str], conf: Path) -> str:
+def _error_in_file(match: re.Match[str], folders: Sequence[str]) -> str:
     return f"{match['file']}.yaml: {match['why'].strip()}"
 
 
-_MESSAGES: list[tuple[str, Callable[[re.Match[str], Path], str]]] = [
+_MESSAGES: list[tuple[str, Callable[[re.Match[str], Sequence[str]], str]]] = [
     (
         r"Could not find '(?P<choice>[^']+)'\s+Available options in '[^']+':"
         r"\s+(?P<options>[^\n]+(?:\n\t[^\n]+)*)",

@@ -42,7 +42,7 @@ def swept_keys(path: Path) -> set[str]:
     try:
         return set(OmegaConf.select(OmegaConf.load(path), "hydra.sweeper.params") or ())
     except Exception as error:
-        raise ConfigError(config_error_line(error, conf_dir())) from error
+        raise ConfigError(config_error_line(error)) from error
 
 
 def _study_files(request: Request) -> dict[str, Path]:

@@ -44,7 +44,7 @@ def choose_cell(root: Path, word: str) -> Path:
     if len(matches) == 1:
         return root / matches[0]
     if matches:
-        raise ConfigError(f"cell '{word}' is not the only one that begins so: {_listed(matches)}")
+        raise ConfigError(f"several cells begin with '{word}': {_listed(matches)}")
     raise ConfigError(_unknown_cell(root, word, names))
 
 
