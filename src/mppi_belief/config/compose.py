@@ -156,7 +156,7 @@ def _check_words(overrides: Sequence[str]) -> None:
         if "=" not in word and not word.startswith("~"):
             raise ConfigError(f"{word}: must have the form KEY=VALUE")
         if "hydra" in re.split(r"[@:./]", key) and not key.startswith(HYDRA_KEYS):
-            raise ConfigError(f"{key} cannot be set; only {' and '.join(HYDRA_KEYS)} are heeded")
+            raise ConfigError(f"{key} cannot be set; of Hydra only {' and '.join(HYDRA_KEYS)} can")
     for group in ("sweep", "experiment"):
         if any(word.startswith(f"{group}=") and "," in word for word in overrides):
             raise ConfigError(f"{group}: choose one")

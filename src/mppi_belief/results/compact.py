@@ -101,7 +101,7 @@ def _file_names(files: Sequence[ResultsFile]) -> list[str]:
 
 def _check_written(path: Path, same: bool) -> None:
     if not same:
-        raise OSError(f"{path} does not read back as what it was made of; nothing was removed")
+        raise OSError(f"{path} reads back with other rows than were written; no file was removed")
 
 
 def _needs_writing(

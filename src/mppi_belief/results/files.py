@@ -9,7 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-# the name of a file begins so while it is written; a killed writer leaves one behind
+# Prefix of the name of a file while it is written; a writer that is killed leaves such a file.
 TEMPORARY = ".tmp-"
 _DIGEST = "digest"
 

@@ -44,7 +44,7 @@ class ResultsFile(NamedTuple):
     """Holds a file that could be read."""
 
     path: Path
-    metadata: dict[str, Any]  # what the file says of itself
+    metadata: dict[str, Any]  # format, cell, digest and sources, as above
     table: pa.Table  # first the columns that all files of its kind have, then the others
 
 
@@ -134,7 +134,7 @@ def read_table(path: Path) -> tuple[dict[str, Any], pa.Table]:
     if version != FORMAT_VERSION:
         raise ValueError(f"its format is {version}, must be {FORMAT_VERSION}")
     if seal != digest(metadata):
-        raise ValueError("what it says of itself is not what was written")
+        raise ValueError("its metadata are not those that were written")
     if metadata.get("cell") != path.parent.name:
         raise ValueError(f"it belongs to {metadata.get('cell')}")
     if metadata.get("digest") != table_digest(table):

@@ -61,7 +61,7 @@ def start_worker(setup: WorkerSetup) -> None:
     apply_setup(setup)
     parent = multiprocessing.parent_process()
     if parent is None:
-        raise RuntimeError("a worker has a parent process")
+        raise RuntimeError("start_worker must be called in a child process")
 
     def die_with(parent: multiprocessing.process.BaseProcess) -> None:
         parent.join()

@@ -79,10 +79,10 @@ def belief_checks(
             f"(19) {where}: the first control", plan.control, control[0], plan.control_error
         ),
         at_least(
-            f"V {where}, were the covariance shared: how far off",
+            f"V {where} with a shared covariance: its error",
             abs(plan.shared),
             value_error,
-            "what sampling could explain",
+            "largest error that sampling explains",
         ),
     ]
 

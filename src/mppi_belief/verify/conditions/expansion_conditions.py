@@ -43,7 +43,7 @@ def expansion_conditions(problem: Problem, path: TrialPath, controller: Controll
             f"third over second term of rho, largest at step {worst}",
             ratios[worst],
             LARGEST_RATIO,
-            "the expansion has to fall off",
+            "the terms of the expansion must decrease",
         )
     ]
 

@@ -55,7 +55,7 @@ def channel_check(u: float = 0.7) -> Check:
             error = abs(test_function @ channel[:, 0] * grid.h - expected)
             errors.append(error / (np.abs(test_function) @ summands[:, 0] * grid.h))
     return rounding(
-        "(6a)(6b): mass made, and mean moved against Aμ + Bu and K, relative to what is summed",
+        "(6a)(6b): change of the mass, and of the mean less Aμ + Bu and K, over the summands' size",
         float(np.max(errors)),
         len(grid.x),
     )

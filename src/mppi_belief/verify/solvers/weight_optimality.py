@@ -123,7 +123,7 @@ def _optimality_checks(
             GAP_SOURCE,
         ),
         at_least(
-            "turning controls: what 300 other W ≥ 0 leave beyond it, the least",
+            "turning controls: least Σ ε² of 300 other W ≥ 0, less that of the best",
             np.min(sums) - value,
             allowed,
             GAP_SOURCE,
