@@ -49,5 +49,5 @@ class RiskSensitive:
     def mixture_terminal(
         self, problem: Problem, weights: Array, means: Array, covs: Array
     ) -> Array:
-        """Returns the expected terminal cost () for weights, means and covariances as above."""
+        """Returns E[terminal] () for weights (m,), means (m, nx) and covariances (m, nx, nx)."""
         return mixture_terminal(problem, weights, means, covs)

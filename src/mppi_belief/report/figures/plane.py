@@ -77,7 +77,7 @@ def belief_ellipse(mean: np.ndarray, cov: np.ndarray, **style: Any) -> Ellipse:
 
 
 def ellipse_shape(cov: np.ndarray) -> tuple[np.ndarray, float]:
-    """Returns width and height (2,) of that ellipse in m, and the angle of its width in degrees."""
+    """Returns width and height (2,) of a belief ellipse in m, and its width's angle in degrees."""
     values, vectors = np.linalg.eigh(cov[:2, :2])
     size = 2 * ELLIPSE_SIGMAS * np.sqrt(np.maximum(values[::-1], 0))
     return size, float(np.degrees(np.arctan2(vectors[1, 1], vectors[0, 1])))
