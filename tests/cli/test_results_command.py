@@ -359,7 +359,7 @@ def test_a_file_that_does_not_read_back_removes_nothing(command, cell, monkeypat
     monkeypatch.setattr(compaction, "result_hash", lambda rows: str(id(rows)))
     ended = command("compact")
     assert ended.code == 74
-    assert "nothing was removed" in ended.err
+    assert "no file was removed" in ended.err
     assert set(before) <= set(files_in(cell))
 
 
