@@ -31,13 +31,13 @@ def reference(group: str, option: str) -> dict[str, Any]:
     for chosen_group, chosen_option in options.items():
         settings.merge_with(_content(chosen_group, chosen_option))
     content = _content(group, option)
-    values = {key: _plain_values(settings[key]) for key in content}
+    values = {key: _to_plain(settings[key]) for key in content}
     return values if _is_global(group, option) else values[group]
 
 
 def reference_settings() -> dict[str, Any]:
     """Returns the settings at the top level of conf/config.yaml: `theta`, `w_obs`, `planner`."""
-    return _plain_values(OmegaConf.create(_top_level()))
+    return _to_plain(OmegaConf.create(_top_level()))
 
 
 def _top_level() -> dict[str, Any]:
@@ -111,7 +111,7 @@ def _unresolved(node: Any) -> dict[str, Any]:
     return dict(content)
 
 
-def _plain_values(node: Any) -> Any:
+def _to_plain(node: Any) -> Any:
     return OmegaConf.to_container(node, resolve=True) if OmegaConf.is_config(node) else node
 
 

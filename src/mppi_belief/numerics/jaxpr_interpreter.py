@@ -21,7 +21,7 @@ from jax import Array
 from jax.extend import core
 
 Represented = TypeVar("Represented")  # a value as a table of rules represents it
-Rule = Callable[[core.JaxprEqn, list[Any], int], Sequence[Any] | None]
+PrimitiveRule = Callable[[core.JaxprEqn, list[Any], int], Sequence[Any] | None]
 
 # Primitives that act on each component by itself.
 ELEMENTWISE = frozenset(
@@ -84,8 +84,8 @@ class RuleTable(NamedTuple, Generic[Represented]):
     """
 
     constant: Callable[[Any], Represented]  # represents an array that is the same for all samples
-    rules: Mapping[str, Rule]  # by the names of primitives
-    fallback: Rule  # for operations without a rule; never returns None
+    rules: Mapping[str, PrimitiveRule]  # by the names of primitives
+    fallback: PrimitiveRule  # for operations without a rule; never returns None
 
 
 class TracedSample(NamedTuple):

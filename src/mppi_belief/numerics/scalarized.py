@@ -38,7 +38,7 @@ from .component_table import (
 )
 from .jaxpr_interpreter import (
     ELEMENTWISE,
-    Rule,
+    PrimitiveRule,
     RuleTable,
     aval,
     interpret,
@@ -108,7 +108,7 @@ def _for_each(operation: Callable[..., Any], tables: Sequence[Table]) -> Table:
     )
 
 
-def _arithmetic(operation: Callable[[Any, Any], Any]) -> Rule:
+def _arithmetic(operation: Callable[[Any, Any], Any]) -> PrimitiveRule:
     return lambda equation, tables, n: [_for_each(operation, tables)]
 
 
@@ -141,7 +141,7 @@ def _split(equation: core.JaxprEqn, tables: list[Table], n: int) -> list[Table]:
     return list(np.split(tables[0], ends, axis=equation.params["axis"]))
 
 
-def _moving(move: Callable[..., Table]) -> Rule:
+def _moving(move: Callable[..., Table]) -> PrimitiveRule:
     """Makes the rule of an operation that moves components.
 
     `move(output, params, *tables)` gets shape and type of the output.
@@ -153,7 +153,7 @@ def _moving(move: Callable[..., Table]) -> Rule:
     return rule
 
 
-def _reduction(operation: Callable[[Any, Any], Any]) -> Rule:
+def _reduction(operation: Callable[[Any, Any], Any]) -> PrimitiveRule:
     """Makes the rule of a reduction over axes."""
 
     def reduce(output: Any, params: dict[str, Any], x: Table) -> Table:
@@ -205,7 +205,7 @@ def _fallback_table(equation: core.JaxprEqn, tables: list[Table], n: int) -> lis
     return [table_of(array, array.shape[:-1]) for array in results]
 
 
-_TABLE_RULES: dict[str, Rule] = {
+_TABLE_RULES: dict[str, PrimitiveRule] = {
     **dict.fromkeys(ELEMENTWISE, _elementwise_table),
     "add": _arithmetic(add_components),
     "add_any": _arithmetic(add_components),

@@ -25,7 +25,7 @@ from jax.extend import core
 
 from .jaxpr_interpreter import (
     ELEMENTWISE,
-    Rule,
+    PrimitiveRule,
     RuleTable,
     aval,
     evaluate,
@@ -114,7 +114,7 @@ def _short_product(
     return [BatchedValue(functools.reduce(operator.add, products), True)]
 
 
-def _with_params(adapt: Callable[[dict[str, Any], Array], dict[str, Any] | None]) -> Rule:
+def _with_params(adapt: Callable[[dict[str, Any], Array], dict[str, Any] | None]) -> PrimitiveRule:
     """Makes the rule of an operation on one array that needs only other parameters.
 
     `adapt(params, array)` returns the parameters with which the operation does the same beside one
@@ -181,7 +181,7 @@ def _fallback(equation: core.JaxprEqn, operands: list[BatchedValue], n: int) -> 
     return [BatchedValue(a, True) for a in vmap_operation(equation, arrays, mapped)]
 
 
-def _if_mapped(rule: Rule) -> Rule:
+def _if_mapped(rule: PrimitiveRule) -> PrimitiveRule:
     """Returns the rule for mapped operands only; the fallback takes the others."""
 
     def guarded(
@@ -192,7 +192,7 @@ def _if_mapped(rule: Rule) -> Rule:
     return guarded
 
 
-_RULES: dict[str, Rule] = {
+_RULES: dict[str, PrimitiveRule] = {
     **dict.fromkeys(ELEMENTWISE, _elementwise),
     **dict.fromkeys(("reduce_max", "reduce_min", "reduce_sum", "squeeze"), _with_params(_same)),
     "broadcast_in_dim": _with_params(_broadcast),

@@ -112,7 +112,7 @@ def _differing(rows: pd.DataFrame, key: list[str], what: str) -> list[str]:
     without any.
     """
     repeated = rows[rows.duplicated(key, keep=False)]
-    texts = [repr(_plain_values(row)) for row in repeated.to_dict("records")]
+    texts = [repr(_row_values(row)) for row in repeated.to_dict("records")]
     by_key = pd.Series(texts, index=repeated.index, dtype=object).groupby(
         [repeated[name] for name in key]
     )
@@ -122,7 +122,7 @@ def _differing(rows: pd.DataFrame, key: list[str], what: str) -> list[str]:
     return [f"trials {_in_words(trials)}: {what} that differ"] if trials else []
 
 
-def _plain_values(row: dict[Any, Any]) -> list[Any]:
+def _row_values(row: dict[Any, Any]) -> list[Any]:
     """Returns the values of a row as Python objects, whose texts differ for different floats."""
     return [value.tolist() if hasattr(value, "tolist") else value for value in row.values()]
 
