@@ -4,6 +4,7 @@ everything is checked.
 
 import errno
 import json
+import math
 import multiprocessing
 import os
 import signal
@@ -230,7 +231,9 @@ def test_a_disk_that_fills_up_ends_a_study_and_its_workers_and_keeps_what_was_wr
     assert study.run(cell, n_trials=50) == StudyOutcome({cell.id: 40}, {cell.id: 10}, None)
 
 
-def test_a_torn_file_costs_its_trials_only(study, capsys):
+def test_a_torn_file_costs_its_trials_only(study, capsys, monkeypatch):
+    for wait in ("SHORTEST_WAIT", "LONGEST_WAIT"):
+        monkeypatch.setattr(writer, wait, math.inf)  # one file per run, however slow it is
     cell = Cell(config())
     study.run(cell)
     study.run(cell, n_trials=22)

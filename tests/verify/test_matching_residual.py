@@ -5,7 +5,7 @@ import pytest
 from scipy.linalg import solve_continuous_are, solve_discrete_are
 
 from helpers import float64
-from mppi_belief.matching import weights as matching
+from mppi_belief.matching import constant_weight as matching
 from mppi_belief.verify.certificates import matching_residual as certificate
 from mppi_belief.verify.scenarios import residual_readings
 from mppi_belief.verify.scenarios.section_vii import light_dark_numbers
@@ -69,7 +69,7 @@ def test_a_search_among_weights_that_are_not_quite_positive_is_seen(floor, x64, 
         values, vectors = np.linalg.eigh((M + M.T) / 2)
         return (vectors * np.maximum(values, floor)) @ vectors.T
 
-    monkeypatch.setattr(matching, "_nearest_psd", clipped)
+    monkeypatch.setattr(matching, "nearest_psd", clipped)
     failed = failing(weight_optimality.optimal_weight_checks(np.random.default_rng(0)))
     assert any("least eigenvalue of the best" in computed for computed in failed)
 

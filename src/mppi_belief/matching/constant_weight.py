@@ -72,7 +72,7 @@ def best_constant_weight(
     for _ in range(iterations):
         if gap <= tolerance * len(problem.E):
             break
-        projected = _nearest_psd(Y - step * problem.gradient(Y))
+        projected = nearest_psd(Y - step * problem.gradient(Y))
         if np.sum((Y - projected) * (projected - Z)) > 0:
             momentum = 1.0
         next_momentum = (1 + np.sqrt(1 + 4 * momentum**2)) / 2
@@ -125,7 +125,7 @@ def _quadratic(Ds: Matrix, Gs: Matrix) -> _Quadratic:
     return _Quadratic(E, F, root, unroot, hessian, steepest, linear, bound)
 
 
-def _nearest_psd(M: np.ndarray) -> np.ndarray:
+def nearest_psd(M: np.ndarray) -> np.ndarray:
     """Returns the positive semidefinite matrix nearest to M (n, n) in the Frobenius norm."""
     values, vectors = np.linalg.eigh((M + M.T) / 2)
     return (vectors * np.maximum(values, 0)) @ vectors.T
