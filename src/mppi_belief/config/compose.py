@@ -32,7 +32,7 @@ from omegaconf import DictConfig, OmegaConf
 from ..errors import ConfigError
 from . import sweep
 from .cell_labels import cell_labels
-from .conf_files import conf_dir
+from .conf_files import check_aliases, conf_dir
 from .hydra_errors import config_error_line
 from .request import Request, key_of
 from .settings import RUNTIME_KEYS, Settings, check_settings
@@ -137,6 +137,7 @@ def _composing(request: Request) -> Iterator[None]:
     for folder in request.config_dirs:
         if not Path(folder).is_dir():
             raise ConfigError(f"--config-dir {folder}: no such folder")
+        check_aliases(Path(folder))
     ConfigStore.instance().store(name="schema", node=Settings)
     try:
         with initialize_config_dir(str(conf_dir()), job_name="mppi-belief", version_base="1.3"):
