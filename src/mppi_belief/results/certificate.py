@@ -1,4 +1,4 @@
-"""What a certificate holds: a statement of the paper, the numbers that test it, their bands.
+"""Describes a certificate: a statement of the paper, the numbers that test it, their bands.
 
 `CERTIFICATE_NAMES` is the one list of certificates. Each name is a module of
 `mppi_belief.verify.certificates`, which derives its bands with `mppi_belief.verify.bands`.

@@ -1,4 +1,4 @@
-"""What happens in a worker of a Dask scheduler: it is checked, set up once, and calls functions."""
+"""Runs in a worker of a Dask scheduler: checks it, sets it up once, and calls functions."""
 
 import os
 import pickle

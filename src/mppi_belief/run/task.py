@@ -1,4 +1,4 @@
-"""What a study runs, how much of it, and how it ended."""
+"""Describes what a study runs, how much of it, and how it ended."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple

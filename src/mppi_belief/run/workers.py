@@ -1,4 +1,4 @@
-"""What a pool needs of its workers, on this machine (`local.py`) or on others (`dask.py`)."""
+"""Defines what a pool needs of workers, of this machine (`local.py`) or others (`dask.py`)."""
 
 from collections.abc import Callable, Iterable
 from concurrent.futures import Future

@@ -1,4 +1,4 @@
-"""How the covariance along a path is planned, one file each."""
+"""Plans the covariance along a path: one schedule per file."""
 
 from .per_path import PerPathCovariance
 from .shared import SharedCovariance

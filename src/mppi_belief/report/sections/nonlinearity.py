@@ -1,4 +1,4 @@
-"""Where the Gaussian reduction is valid: Theorem 1's residual, NEES, NIS, loss to an oracle."""
+"""Reports where the Gaussian reduction holds: the residual of Theorem 1, NEES, NIS, the loss."""
 
 import math
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""How well each published number is met: Table I was fitted, the sweeps were held out."""
+"""Reports how well each published number is met: Table I was fitted, the sweeps were held out."""
 
 import math
 from collections.abc import Callable, Sequence

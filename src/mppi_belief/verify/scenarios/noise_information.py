@@ -1,4 +1,4 @@
-"""What a state-dependent noise level tells about the state, besides the mean of the measurement.
+"""Computes what a state-dependent noise level tells about the state, beside the measurement's mean.
 
 One measurement y ~ N(c(x), R(x)) has the Fisher information C' R^-1 C from its mean and
 1/2 tr(R^-1 dR_i R^-1 dR_j) from its noise level.
