@@ -5,19 +5,31 @@ ARGS ?=
 TEST_WORKERS ?= 2
 
 .DEFAULT_GOAL := help
-.PHONY: help install run report beyond verify calibration test test-faults test-long test-scenarios test-solver test-cluster check lint types layers style-report format bench bench-docs bench-compare bench-beyond bench-scale bench-cluster picture clean
+.PHONY: help install develop run report beyond verify calibration test test-faults test-long test-scenarios test-solver test-cluster check lint types layers style-report format bench bench-docs bench-compare bench-beyond bench-scale bench-cluster picture clean
 
 help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-14s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+
+# Wheels are unpacked first and compiled on all cores then; pip would compile on one core.
+PIP = $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile -c constraints.txt
+COMPILE = $(BIN)/python -m compileall -qq -j 0 -x '/tests?/' src $(VENV)/lib || true
 
 $(VENV)/.installed: pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 13))' \
 	  || { echo "Python 3.11, 3.12 or 3.13 is needed: make PYTHON=python3.11 ..." >&2; exit 1; }
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[dev,cluster]"
+	$(PIP) -e .
+	@$(COMPILE)
+	@touch $@
+
+$(VENV)/.installed-dev: $(VENV)/.installed
+	$(PIP) -e ".[dev,cluster]"
+	@$(COMPILE)
 	@touch $@
 
 install: $(VENV)/.installed  ## make the environment in .venv
+
+develop: $(VENV)/.installed-dev  ## add the tools of development and of clusters to .venv
 
 run: install  ## run 200 trials of MPPI-Belief; print a table and draw a picture
 	$(BIN)/mppi-belief run controller=belief theta=1 $(ARGS)
@@ -42,20 +54,20 @@ beyond: install  ## run the studies beyond the paper and report them in outputs/
 verify: install  ## compute certificates of the paper's theorems into outputs/verify/certificates.md (two minutes)
 	$(BIN)/mppi-belief verify $(ARGS)
 
-calibration: install  ## search the numbers that the paper leaves open; each call continues the search (half an hour)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[dev,cluster,calibration]"
+calibration: develop  ## search the numbers that the paper leaves open; each call continues the search (half an hour)
+	$(PIP) -e ".[dev,cluster,calibration]"
 	$(BIN)/python experiments/calibration/search.py $(ARGS)
 
-test: install  ## run the test suite
+test: develop  ## run the test suite
 	OMP_NUM_THREADS=1 NPROC=1 $(BIN)/python -m pytest -n $(TEST_WORKERS) --dist loadfile $(ARGS)
 
-test-faults: install  ## test everything that a run must survive, see docs/reliability.md (a quarter of an hour)
+test-faults: develop  ## test everything that a run must survive, see docs/reliability.md (a quarter of an hour)
 	OMP_NUM_THREADS=1 NPROC=1 $(BIN)/python -m pytest -n $(TEST_WORKERS) --dist loadfile -m "long or not long" tests/faults $(ARGS)
 
-test-long: install  ## test the slow certificates and reports beyond the paper (two minutes)
+test-long: develop  ## test the slow certificates and reports beyond the paper (two minutes)
 	OMP_NUM_THREADS=1 NPROC=1 $(BIN)/python -m pytest -n $(TEST_WORKERS) --dist loadfile -m long --ignore=tests/faults tests $(ARGS)
 
-test-scenarios: install  ## test every controller on ten thousand random scenarios in both precisions (half an hour)
+test-scenarios: develop  ## test every controller on ten thousand random scenarios in both precisions (half an hour)
 	OMP_NUM_THREADS=1 NPROC=1 $(BIN)/python tests/random_scenarios.py $(ARGS)
 
 test-solver:  ## test the trajectory optimiser against Crocoddyl in an environment of its own (1 GB)
@@ -65,14 +77,14 @@ test-solver:  ## test the trajectory optimiser against Crocoddyl in an environme
 
 SLURM := tests/cluster/slurm_on_one_machine.sh
 
-test-cluster: install  ## test on a real Slurm, which is set up here and removed again (root, Debian 12; a quarter of an hour)
+test-cluster: develop  ## test on a real Slurm, which is set up here and removed again (root, Debian 12; a quarter of an hour)
 	$(SLURM) up
 	OMP_NUM_THREADS=1 NPROC=1 $(BIN)/python -m pytest -o addopts="-q" tests/cluster $(ARGS); \
 	  ended=$$?; $(SLURM) down; exit $$ended
 
 check: lint types layers  ## run the linter, the type checker and the check of the import rule
 
-lint: install  ## run the linter, the formatter's check and the checks of style
+lint: develop  ## run the linter, the formatter's check and the checks of style
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/python docs/scripts/style_report.py --check
@@ -82,38 +94,38 @@ BEFORE ?=
 style-report:  ## measure how readable the code is; BEFORE=COMMIT adds a column to compare with
 	@$(PYTHON) docs/scripts/style_report.py $(if $(BEFORE),--before $(BEFORE)) $(ARGS)
 
-types: install  ## run the type checker
+types: develop  ## run the type checker
 	$(BIN)/mypy
 
-layers: install  ## check the import rule
+layers: develop  ## check the import rule
 	$(BIN)/lint-imports
 
-format: install  ## format the code
+format: develop  ## format the code
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
-bench: install  ## time one control step beside every MPPI library, into outputs/bench/ (first time: minutes and 12 GB)
+bench: develop  ## time one control step beside every MPPI library, into outputs/bench/ (first time: minutes and 12 GB)
 	$(BIN)/python benchmarks/control_step.py $(ARGS)
 
-bench-docs: install  ## run bench, measure antithetic pairs, and write both into docs/
+bench-docs: develop  ## run bench, measure antithetic pairs, and write both into docs/
 	$(BIN)/python benchmarks/control_step.py --docs $(ARGS)
 	$(BIN)/python benchmarks/variance.py --docs
 
 COMMIT ?= HEAD
 
-bench-compare: install  ## time one control step of the working tree beside COMMIT=..., interleaved; print ratios
+bench-compare: develop  ## time one control step of the working tree beside COMMIT=..., interleaved; print ratios
 	$(BIN)/python benchmarks/compare.py $(COMMIT) $(ARGS)
 
-bench-beyond: install  ## time the methods beyond the paper beside what they replace, into outputs/bench/ (two minutes)
+bench-beyond: develop  ## time the methods beyond the paper beside what they replace, into outputs/bench/ (two minutes)
 	$(BIN)/python benchmarks/beyond.py $(ARGS)
 
-bench-scale: install  ## measure whole studies, many samples, long runs, sweeps and start-up, into outputs/bench/ (twelve minutes)
+bench-scale: develop  ## measure whole studies, many samples, long runs, sweeps and start-up, into outputs/bench/ (twelve minutes)
 	$(BIN)/python benchmarks/scale.py $(ARGS)
 
-bench-cluster: install  ## measure the costs of handing out chunks and of storing rows, into outputs/bench/
+bench-cluster: develop  ## measure the costs of handing out chunks and of storing rows, into outputs/bench/
 	$(BIN)/python benchmarks/cluster.py $(ARGS)
 
-picture: install  ## draw the pictures of README, docs/theory.md and docs/architecture.md
+picture: develop  ## draw the pictures of README, docs/theory.md and docs/architecture.md
 	$(BIN)/mppi-belief run experiment=table_1 controller=belief,ce
 	$(BIN)/python docs/scripts/readme_picture.py
 	$(BIN)/mppi-belief verify cole_hopf feynman_kac control_law entropic_risk
