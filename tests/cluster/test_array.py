@@ -22,6 +22,7 @@ def array(tmp_path) -> Path:
     (script,) = re.findall(r"<!-- array -->\n```bash\n(.*?)```", TEXT, re.S)
     for before, after in (
         ("1-20", "1-2"),
+        ("SHARDS=20", "SHARDS=2"),
         ("cpus-per-task=5", "cpus-per-task=1"),
         ("10G", "1G"),
         ("04:00:00", "00:05:00"),
@@ -32,19 +33,22 @@ def array(tmp_path) -> Path:
     return tmp_path
 
 
-def submit(folder: Path, *args: str) -> None:
-    """`sbatch array.sh` with the study, whose command is found on the PATH."""
+def submit(folder: Path, *options: str) -> None:
+    """`sbatch OPTIONS array.sh` with the study, whose command is found on the PATH."""
     env = os.environ | {"PATH": f"{Path(COMMAND).parent}{os.pathsep}{os.environ['PATH']}"}
-    command = ["sbatch", "array.sh", *STUDY[1:], f"n_trials={TRIALS}", "results_dir=results", *args]
+    study = [*STUDY[1:], f"n_trials={TRIALS}", "results_dir=results"]
+    command = ["sbatch", *options, "array.sh", *study]
     subprocess.run(command, cwd=folder, env=env, check=True, capture_output=True, timeout=30)
 
 
 def test_parts_of_a_job_array_merge_by_lying_in_one_folder(array):
-    with limited(300):
+    with limited(500):
         submit(array)
         poll(lambda: parts(array), 100)
         subprocess.run(["scancel", jobs()[0]], check=True, timeout=30)  # one of them, in its middle
         no_jobs(120)
+        submit(array, "--array=2")  # a part of the array; then all of it
+        no_jobs(200)
         submit(array)
         no_jobs(200)
         rows_of_shards = rows(array)

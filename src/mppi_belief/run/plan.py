@@ -73,8 +73,8 @@ class Shard(NamedTuple):
         match = re.fullmatch(r"([1-9]\d{0,6})/([1-9]\d{0,6})", text)
         if match is None or int(match[1]) > int(match[2]):
             raise ConfigError(
-                f"shard={text}: must be i/n with 1 <= i <= n,"
-                " for instance 3/10: the third of ten parts"
+                f"shard={text}: must be i/n with 1 <= i <= n, for instance 3/10: the third of ten "
+                "parts; n counts all parts of the study, also when only some are run again"
             )
         return cls(int(match[1]), int(match[2]))
 
