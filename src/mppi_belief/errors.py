@@ -1,4 +1,4 @@
-"""Defines the error that a person can mend, and what makes its message one plain line."""
+"""Defines the error that a person can mend, and what makes messages plain: one line, a plural."""
 
 from collections.abc import Sequence
 from difflib import get_close_matches
@@ -30,6 +30,11 @@ def first_line(error: BaseException | str) -> str:
     if lines:
         return lines[0].strip()
     return "" if isinstance(error, str) else type(error).__name__
+
+
+def counted(number: int, noun: str) -> str:
+    """Returns a number with its noun in the right form: "1 cell", "3 cells"."""
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
 
 
 def unknown_key(

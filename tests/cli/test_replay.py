@@ -1,6 +1,7 @@
 """`mppi-belief replay`: a trial comes out the same bit for bit, and what does not is told."""
 
 import math
+import shlex
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ import pytest
 
 from cli_helpers import SMALL, Said, call, compose, files_in
 from experiment_helpers import compiled_quickly
+from mppi_belief.cli.overview import replay_command
 from mppi_belief.cli.replayed_trial import changes_since
 from mppi_belief.config.cell import ALGORITHM_VERSION, Cell
 from mppi_belief.results import table as results
@@ -178,6 +180,29 @@ def test_code_named_in_a_results_folder_is_looked_for_where_the_user_says_and_no
     assert not flag.exists()
     assert replay(cell.id, "0", "--config-dir", str(mine)).code == 2  # it has no Part
     assert flag.exists()
+
+
+def test_the_command_that_a_run_prints_works_beside_other_cells(replay, cell_folder, ran):
+    _, batch = ran
+    last_digit = "1" if cell_folder.name.endswith("0") else "0"
+    similar = cell_folder.with_name(cell_folder.name[:-1] + last_digit)
+    results.write_rows(similar, batch.rows, {"config": {}, **RUN})
+    printed = replay_command(cell_folder.name, 1, Path("outputs/results"), ())
+    assert printed == f"mppi-belief replay {cell_folder.name} 1"
+    assert replay(*shlex.split(printed)[2:]).code == 0
+
+    # The beginning that both share.
+    ambiguous = replay("belief", "1")
+    assert ambiguous.code == 2
+    both = ", ".join(sorted([cell_folder.name, similar.name]))
+    assert f"several cells begin with 'belief': {both}; name one of them in full" in ambiguous.err
+    assert "mppi-belief results results_dir=outputs/results shows their" in ambiguous.err
+
+
+def test_the_printed_command_names_folders_as_a_shell_takes_them():
+    printed = replay_command("ce-0123456789ab", 17, Path("out (1)"), ["my parts"])
+    words = ["ce-0123456789ab", "17", "results_dir=out (1)", "--config-dir", "my parts"]
+    assert shlex.split(printed) == ["mppi-belief", "replay", *words]
 
 
 BAD = {

@@ -158,6 +158,10 @@ BAD = {
     "export --to": "needs a value",
     "export --too=x": "did you mean '--to'",
     "export --to=outputs": "must name a file",
+    "export --csv all.csv": "unknown cell 'all.csv'; see mppi-belief results "
+    "results_dir=outputs/results; a file to write into is given with --to FILE",
+    "export --csv ./all.csv": "not the folder of a cell; a file to write into is given with --to",
+    "export --csv=all.csv": "--csv: takes no value; a file to write into is given with --to FILE",
     "verify seed=1": "unknown key 'seed'",
     "verify results_dir=": "must name a folder",
 }
@@ -247,6 +251,19 @@ def test_an_export_reads_back_bit_for_bit(command, root, tmp_path):
     assert frame["trial"].tolist() == [*range(9), 0]
 
 
+def test_one_is_counted_in_the_singular(command, root):
+    store_results(root, CELL, rows_of(CELL, 1), (), source())
+    assert lines(command("export", "--to", "all.csv")) == ["1 row of 1 cell in all.csv"]
+    assert lines(command("verify"))[-1].startswith("1 cell, 1 file checked: all is well")
+    assert lines(command("compact"))[-1].startswith("1 cell: 1 file, ")
+
+
+def test_a_command_is_shown_as_a_shell_takes_it(command, root):
+    words = ["mppi-belief", "run", "results_dir=out (1)"]
+    store_results(root, CELL, rows_of(CELL, 1), (), source(command=words))
+    assert "command    mppi-belief run 'results_dir=out (1)'" in command("show", CELL.id).out
+
+
 def test_an_export_that_cannot_be_written_is_exit_code_74(command, cell):
     assert command("export", "--to", "/dev/null/all.csv").code == 74
 
@@ -265,7 +282,7 @@ def test_compaction_keeps_every_result_and_every_source(command, cell):
     before = read_rows(cell)
     paths = read_cell(cell).steps
     messages = merged(command("compact"))
-    assert messages[-1].startswith("1 cells: 10 files, ")
+    assert messages[-1].startswith("1 cell: 10 files, ")
     assert "-> 6 files" in messages[-1]
     (part,) = cell.glob("part-*")
     (steps,) = cell.glob("paths-*")
@@ -475,7 +492,7 @@ BREAKS: dict[str, tuple[Callable[[Path], object], str]] = {
 @pytest.mark.parametrize("what", BREAKS)
 def test_verify_finds_what_is_broken(what, command, cell):
     assert (
-        lines(command("verify"))[-1] == f"1 cells, {len(files_in(cell))} files checked: all is well"
+        lines(command("verify"))[-1] == f"1 cell, {len(files_in(cell))} files checked: all is well"
     )
     change, expected = BREAKS[what]
     change(cell)

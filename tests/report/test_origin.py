@@ -172,7 +172,7 @@ def test_nothing_has_no_origin():
     assert (provenance["commit"], provenance["commands"], provenance["trials"]) == (
         "-",
         "-",
-        "0 in 1 cells",
+        "0 in 1 cell",
     )
     assert trial_provenance([])
     assert trial_warnings([]) == []

@@ -15,6 +15,7 @@ set the variables that JAX reads on import.
 
 import io
 import os
+import shlex
 import sys
 from collections.abc import Callable
 from typing import Any
@@ -112,7 +113,7 @@ def complain(line: str, code: int) -> int:
 def _unknown_command(args: list[str]) -> str:
     word = args[0]
     if "=" in word or word.startswith("-"):
-        return f"unknown command '{word}'; did you mean `mppi-belief run {' '.join(args)}`?"
+        return f"unknown command '{word}'; did you mean `mppi-belief run {shlex.join(args)}`?"
     return f"unknown command '{word}'; see mppi-belief --help"
 
 

@@ -1,18 +1,30 @@
 """Prints the results of a run as a table, draws its trajectories and says where the results are."""
 
+import shlex
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 from ..config.cell import Cell
+from ..errors import counted
 from ..report import figures
 from ..report.cell_results import CellResults, read_cell_results
 from ..report.summary import aligned_text, label_text, summary_text
 from ..run.task import StudyOutcome
+from .results_request import default_root
 
 
-def show_overview(cells: Sequence[Cell], root: Path, n_trials: int, outcome: StudyOutcome) -> int:
-    """Prints and draws the first `n_trials` trials of each cell; returns how many failed."""
+def show_overview(
+    cells: Sequence[Cell],
+    root: Path,
+    n_trials: int,
+    outcome: StudyOutcome,
+    config_dirs: Sequence[str] = (),
+) -> int:
+    """Prints and draws the first `n_trials` trials of each cell; returns how many failed.
+
+    `config_dirs` are the folders of --config-dir, which a replay needs again.
+    """
     results = [read_cell_results(cell, root, n_trials) for cell in cells]
     results = [cell for cell in results if len(cell.rows)]
     failed = sum(_print_failures(cell) for cell in results)
@@ -21,7 +33,7 @@ def show_overview(cells: Sequence[Cell], root: Path, n_trials: int, outcome: Stu
         print(aligned_text(lines))
     ran = sum(outcome.ran.values())
     stored = sum(outcome.done_before.values())
-    print(f"{ran} trials run, {stored} already done; results in {root}")
+    print(f"{counted(ran, 'trial')} run, {stored} already done; results in {root}")
 
     pictures = []
     for cell in results:
@@ -32,7 +44,20 @@ def show_overview(cells: Sequence[Cell], root: Path, n_trials: int, outcome: Stu
         print(f"picture: {pictures[0]}")
     elif pictures:
         print(f"pictures: {root / '*' / figures.TRAJECTORIES_PNG}")
+    if results:
+        trial = results[0].rows["trial"].min()
+        print(f"one trial again: {replay_command(results[0].id, trial, root, config_dirs)}")
     return failed
+
+
+def replay_command(cell_id: str, trial: int, root: Path, config_dirs: Sequence[str]) -> str:
+    """Returns the command that replays a trial, to be copied into a shell."""
+    words = ["mppi-belief", "replay", cell_id, str(trial)]
+    if root != Path(default_root()):
+        words.append(f"results_dir={root}")
+    for folder in config_dirs:
+        words += ["--config-dir", folder]
+    return shlex.join(words)
 
 
 def _print_failures(cell: CellResults) -> int:

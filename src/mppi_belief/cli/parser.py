@@ -62,6 +62,8 @@ class CommandParser(argparse.ArgumentParser):
         option = (error.argument_name or "").partition("/")[0]
         if error.message == "expected one argument":
             return f"{option}: needs a value"
+        if error.message.startswith("ignored explicit argument"):
+            return f"{option}: takes no value"
         return f"{option}: {error.message}"
 
 

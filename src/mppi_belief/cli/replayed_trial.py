@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 from ..config import environment
 from ..config.cell import ALGORITHM_VERSION, IDENTITY, labels
 from ..config.targets import allow, fingerprints
-from ..errors import ConfigError
+from ..errors import ConfigError, counted
 from ..results.contents import CellContents, belongs, path_of, read_cell
 from ..results.folder import choose_cell
 from ..results.provenance import provenance
@@ -91,7 +91,9 @@ def _stored_trial(contents: CellContents, word: str) -> StoredTrial:
     if row_and_source is None:
         trials = contents.rows["trial"]
         extent = (
-            f"{len(trials)} trials, {trials.min()} to {trials.max()}" if len(trials) else "none"
+            f"{counted(len(trials), 'trial')}, {trials.min()} to {trials.max()}"
+            if len(trials)
+            else "none"
         )
         raise ConfigError(f"{folder.name} has no trial {word}: it has {extent}")
     row, source = row_and_source
@@ -133,7 +135,9 @@ def _run_and_compare(stored: StoredTrial, source_now: dict[str, Any]) -> int:
     deviations = differences(row, batch.rows[0], stored.path, batch.paths, config["precision"])
     for difference in deviations:
         print(_difference_line(difference, config["precision"]))
-    steps = f"{len(stored.path)} steps of its path" if stored.path else "no path was kept"
+    steps = (
+        f"{counted(len(stored.path), 'step')} of its path" if stored.path else "no path was kept"
+    )
     verdict = "NOT reproduced" if deviations else "reproduced bit for bit"
     print(f"{verdict}: {len(row)} values of its row, {steps}")
     sys.stdout.flush()

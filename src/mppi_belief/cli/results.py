@@ -46,7 +46,7 @@ def parser() -> CommandParser:
             ]
         ),
     )
-    command.add_argument("--csv", action="store_true", help="with export: the format, the only one")
+    command.add_argument("--csv", action="store_true", help="with export: the only format")
     command.add_argument(
         "--to", action="append", default=[], metavar="FILE", help="with export: write into FILE"
     )
@@ -55,6 +55,8 @@ def parser() -> CommandParser:
 
 def parse(args: Sequence[str]) -> ResultsRequest:
     """Returns what the words of a `results` command ask for. Raises `ConfigError`."""
+    if any(word.startswith("--csv=") for word in args):
+        raise ConfigError("--csv: takes no value; a file to write into is given with --to FILE")
     request = read_request(parser(), args)
     subcommand = request.words[0] if request.words else None
     if subcommand is not None and subcommand not in SUBCOMMANDS:

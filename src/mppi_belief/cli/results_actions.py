@@ -4,7 +4,7 @@ import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from ..errors import ConfigError
+from ..errors import ConfigError, counted
 from ..report.frame_files import write_text_file
 from ..results.audit import audit
 from ..results.compact import compact
@@ -37,7 +37,11 @@ def show_cell(request: ResultsRequest) -> int:
 
 def export_cells(request: ResultsRequest) -> int:
     """Prints the rows of cells as CSV, or writes them to a file; returns the exit code."""
-    cells = [read_cell(folder) for folder in _chosen_folders(request)]
+    try:
+        cells = [read_cell(folder) for folder in _chosen_folders(request)]
+    except ConfigError as error:
+        hint = "" if request.options.to else "; a file to write into is given with --to FILE"
+        raise ConfigError(f"{error}{hint}") from None
     if not request.words:  # all cells: those that a report of today reads
         cells = [contents for contents in cells if superseded(contents) is None]
     _report_problems([line for contents in cells for line in contents.problems])
@@ -49,7 +53,7 @@ def export_cells(request: ResultsRequest) -> int:
     if not target.strip() or Path(target).is_dir():
         raise ConfigError(f"--to {target}: must name a file")
     write_text_file(Path(target), text)
-    print(f"{count} rows of {len(cells)} cells in {target}")
+    print(f"{counted(count, 'row')} of {counted(len(cells), 'cell')} in {target}")
     return exit_codes.DONE
 
 
@@ -71,7 +75,7 @@ def compact_cells(request: ResultsRequest) -> int:
         bytes_before += merged.bytes[0]
         bytes_after += merged.bytes[1]
     change = _change((files_before, files_after), (bytes_before, bytes_after))
-    print(f"{len(folders)} cells: {change}")
+    print(f"{counted(len(folders), 'cell')}: {change}")
     return exit_codes.DONE
 
 
@@ -88,9 +92,9 @@ def verify_cells(request: ResultsRequest) -> int:
         n_problems += len(problems)
         n_files += len(contents.parts) + len(contents.paths)
         n_files += len(contents.notes) + len(contents.problems)
-    plural = "s" if n_problems > 1 else ""
-    verdict = f"{n_problems} problem{plural}" if n_problems else "all is well"
-    print(f"{len(folders)} cells, {n_files} files checked: {verdict}")
+    verdict = counted(n_problems, "problem") if n_problems else "all is well"
+    checked = f"{counted(len(folders), 'cell')}, {counted(n_files, 'file')} checked"
+    print(f"{checked}: {verdict}")
     return exit_codes.INCOMPLETE if n_problems else exit_codes.DONE
 
 
@@ -102,8 +106,8 @@ def _chosen_folders(request: ResultsRequest) -> list[Path]:
 
 def _change(files: tuple[int, int], sizes: tuple[int, int]) -> str:
     """Returns numbers and sizes of files before and after."""
-    before = f"{files[0]} files, {bytes_in_words(sizes[0])}"
-    after = f"{files[1]} files, {bytes_in_words(sizes[1])}"
+    before = f"{counted(files[0], 'file')}, {bytes_in_words(sizes[0])}"
+    after = f"{counted(files[1], 'file')}, {bytes_in_words(sizes[1])}"
     return f"{before} -> {after}"
 
 

@@ -103,16 +103,23 @@ def run(request: Request, configs: Sequence[dict[str, Any]], variables: dict[str
     workers = make_workers(settings["executor"], count, setup, environment.in_force())
 
     outcome = run_study(cells, order, root, functions, workers, list(request.command))
-    return show_outcome(cells, root, settings["n_trials"], outcome)
+    return show_outcome(cells, root, settings["n_trials"], outcome, request.config_dirs)
 
 
 def show_outcome(
-    cells: "Sequence[Cell]", root: Path, n_trials: int, outcome: "StudyOutcome"
+    cells: "Sequence[Cell]",
+    root: Path,
+    n_trials: int,
+    outcome: "StudyOutcome",
+    config_dirs: Sequence[str] = (),
 ) -> int:
-    """Prints the table, saves the pictures, prints where they are; returns the exit code."""
+    """Prints the table, saves the pictures, prints where they are; returns the exit code.
+
+    `config_dirs` are the folders of --config-dir.
+    """
     from .overview import show_overview
 
-    failed = show_overview(cells, root, n_trials, outcome)
+    failed = show_overview(cells, root, n_trials, outcome, config_dirs)
     if outcome.stopped is not None:
         print("stopped; the same command goes on from here", file=sys.stderr)
         return exit_codes.SIGNALLED + int(outcome.stopped)

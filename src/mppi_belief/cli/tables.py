@@ -1,5 +1,6 @@
 """Describes cells as text for `mppi-belief results`: a line per cell, or one cell in full."""
 
+import shlex
 from collections.abc import Iterable, Sequence
 from typing import Any
 
@@ -105,12 +106,12 @@ def description(contents: CellContents) -> str:
 
 def _run_text(source: dict[str, Any]) -> str:
     """Returns a run and its trials in a few lines."""
-    words = [str(word) for word in source.get("command") or []]
+    words = map(str, source.get("command") or [])
     versions = source.get("versions") or {}
     machine = [source.get(name) for name in ("device", "processor", "platform")]
     lines = {
         "trials": ranges_in_words(source["trials"]) if source.get("trials") else "-",
-        "command": " ".join(words) or "-",
+        "command": shlex.join(words) or "-",
         "started": source.get("started", "-"),
         "commit": commit_label(source, short=False),
         "algorithm": source.get("algorithm", "-"),

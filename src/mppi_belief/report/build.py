@@ -5,6 +5,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from ..config.cell import Cell
+from ..config.request import key_of
+from ..errors import counted
 from ..results.certificate import CERTIFICATE_NAMES
 from ..results.certificate_files import StoredCertificate, load_certificates
 from .cell_results import CellResults, Studies, read_cell_results
@@ -95,17 +97,15 @@ def missing_lines(studies: Studies, overrides: Sequence[str]) -> list[str]:
         if incomplete:
             trials = sum(cell.missing for cell in incomplete)
             command = shlex.join(["mppi-belief", "run", f"experiment={name}", *overrides])
-            lines.append(
-                f"missing: {trials} trials in {len(incomplete)} of {len(cells)} cells of {name}; "
-                f"{command}"
-            )
+            share = f"{len(incomplete)} of {counted(len(cells), 'cell')}"
+            lines.append(f"missing: {counted(trials, 'trial')} in {share} of {name}; {command}")
     return lines
 
 
 def _missing_certificates(stored: int, overrides: Sequence[str]) -> str:
     """Returns the line that says how many certificates are missing, and the command for them."""
     keys = ("seed", "workers", "verify_dir")
-    chosen = [word for word in overrides if word.partition("=")[0] in keys]
+    chosen = [word for word in overrides if key_of(word) in keys]
     command = shlex.join(["mppi-belief", "verify", *chosen])
     missing = len(CERTIFICATE_NAMES) - stored
     return f"missing: {missing} of {len(CERTIFICATE_NAMES)} certificates; {command}"

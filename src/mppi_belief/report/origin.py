@@ -1,9 +1,11 @@
 """Reports the provenance of the trials, and what keeps a reader from trusting their numbers."""
 
 import itertools
+import shlex
 from collections.abc import Iterable, Sequence
 from typing import Any
 
+from ..errors import counted
 from . import published
 from .cell_results import CellResults
 
@@ -26,9 +28,12 @@ def trial_provenance(cells: Sequence[CellResults]) -> list[tuple[str, str]]:
         ("seeds", _distinct(cell.labels["seed"] for cell in cells)),
         ("device", _distinct(devices)),
         ("precision", _distinct(cell.config["precision"] for cell in cells)),
-        ("trials", f"{trials} in {len(cells)} cells"),
+        ("trials", f"{trials} in {counted(len(cells), 'cell')}"),
         ("wall time", f"{_wall_time(sources) / 60:.1f} min of running trials"),
-        ("commands", _distinct(" ".join(source.get("command") or []) for source in sources)),
+        (
+            "commands",
+            _distinct(shlex.join(map(str, source.get("command") or [])) for source in sources),
+        ),
     ]
 
 
@@ -60,12 +65,14 @@ def trial_warnings(cells: Sequence[CellResults]) -> list[str]:
     incomplete = [cell for cell in cells if cell.missing > 0]
     if incomplete:
         missing = sum(cell.missing for cell in incomplete)
+        share = f"{len(incomplete)} of {counted(len(cells), 'cell')}"
         lines.append(
-            f"{len(incomplete)} of {len(cells)} cells are incomplete: {missing} trials are missing."
+            f"{share} {'is' if len(incomplete) == 1 else 'are'} incomplete: "
+            f"{counted(missing, 'trial')} {'is' if missing == 1 else 'are'} missing."
         )
     failed = sum(len(cell.rows) - len(cell.good) for cell in cells)
     if failed:
-        lines.append(f"{failed} trials failed; they are left out of every average.")
+        lines.append(f"{counted(failed, 'trial')} failed; no average includes such a trial.")
     return lines
 
 

@@ -4,6 +4,7 @@ weigh.
 
 import os
 import re
+import shlex
 import time
 from collections.abc import Collection, Iterator, Sequence
 from difflib import get_close_matches
@@ -44,7 +45,10 @@ def choose_cell(root: Path, word: str) -> Path:
     if len(matches) == 1:
         return root / matches[0]
     if matches:
-        raise ConfigError(f"several cells begin with '{word}': {_listed(matches)}")
+        raise ConfigError(
+            f"several cells begin with '{word}': {_listed(matches)}; name one of them in full, "
+            f"{_listing_command(root)} shows their settings"
+        )
     raise ConfigError(_unknown_cell(root, word, names))
 
 
@@ -59,7 +63,12 @@ def _unknown_cell(root: Path, word: str, names: Sequence[str]) -> str:
     if near:
         similar = [name for name in names if name.startswith(near[0])]
         return f"unknown cell '{word}'; did you mean {_listed(similar)}?"
-    return f"unknown cell '{word}'; see mppi-belief results results_dir={root}"
+    return f"unknown cell '{word}'; see {_listing_command(root)}"
+
+
+def _listing_command(root: Path) -> str:
+    """Returns the command that lists the cells of a folder, to be copied into a shell."""
+    return shlex.join(["mppi-belief", "results", f"results_dir={root}"])
 
 
 def _listed(names: Sequence[str], most: int = 6) -> str:

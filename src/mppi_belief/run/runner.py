@@ -8,7 +8,7 @@ import pandas as pd
 from tqdm import tqdm
 
 from ..config.cell import Cell
-from ..errors import ConfigError
+from ..errors import ConfigError, counted
 from ..results import files
 from ..results.columns import FINAL_STATUSES
 from ..results.contents import read_rows
@@ -81,7 +81,7 @@ def _run_chunks(
     """
     total = sum(len(chunk.trials) for chunk in missing)
     if done_before and total:
-        log_on_terminal(f"going on: {done_before} trials already done, {total} to run")
+        log_on_terminal(f"going on: {counted(done_before, 'trial')} already done, {total} to run")
     try:
         with _progress_bar(done_before + total, done_before) as bar:
             for batch in pool.run(missing, writer.write_when_due):

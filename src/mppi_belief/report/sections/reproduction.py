@@ -7,6 +7,7 @@ from typing import Any
 
 import pandas as pd
 
+from ...errors import counted
 from .. import published
 from ..agreement import FITTED, HELD_OUT, ComparedNumber, compare_numbers
 from ..cell_results import CellResults, Studies, by_method
@@ -136,9 +137,8 @@ def _safety_of_belief(cell: CellResults) -> str:
     hits = int(cell.collided.sum())
     theta = cell.labels["theta"]
     ending = ", as published." if hits == 0 else "; the paper has none."
-    return (
-        f"MPPI-Belief at theta = {theta:g} has {hits} collisions in {len(cell.good)} trials{ending}"
-    )
+    share = f"{counted(hits, 'collision')} in {counted(len(cell.good), 'trial')}"
+    return f"MPPI-Belief at theta = {theta:g} has {share}{ending}"
 
 
 def _judge(claim: str, cells: Sequence[CellResults], holds: Callable[[float], bool]) -> str:

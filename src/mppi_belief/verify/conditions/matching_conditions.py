@@ -10,6 +10,7 @@ import jax
 import numpy as np
 from jax import Array
 
+from ...errors import counted
 from ...matching.constant_weight import best_constant_weight
 from ...matching.weights import best_weight, matched_weight, numerical_rank, residual
 from ...problem import Problem
@@ -119,7 +120,8 @@ def _reading(checks: list[Check], steps_without_diffusion: int) -> str:
     if equal.holds:
         return "Matching (15) would need an R that changes with time, while that of (2) is fixed."
     if largest.holds:
-        without = f"; D = 0 at {steps_without_diffusion} steps" if steps_without_diffusion else ""
+        steps = counted(steps_without_diffusion, "step")
+        without = f"; D = 0 at {steps}" if steps_without_diffusion else ""
         return (
             "Matching (15) holds for no R > 0, since D has less rank than G "
             f"(Proposition 3(ii)){without}."
