@@ -24,14 +24,31 @@ def plant_step(workload: Workload, x: list[float], u: list[float]) -> list[float
 
 
 def judge(workload: Workload, path: list[list[float]]) -> dict[str, float]:
-    """Returns a path's least and final distance from the goal and its least clearance, in m."""
+    """Returns a path's least and final distance from the goal and its least clearance, in m.
+
+    The distance from the goal is that of states; the clearance is that of the whole path, whose
+    steps are straight.
+    """
     to_goal = [math.dist(x[:2], workload["goal"][:2]) for x in path]
-    apart = min(math.dist(x[:2], center) for x in path for center in workload["centers"])
+    apart = math.inf
+    for start, end in zip(path, path[1:] or path, strict=False):
+        for center in workload["centers"]:
+            apart = min(apart, distance_to_line(start[:2], end[:2], center))
     return {
         "nearest": min(to_goal),
         "final_distance": to_goal[-1],
         "clearance": apart - workload["radius"],
     }
+
+
+def distance_to_line(start: list[float], end: list[float], point: list[float]) -> float:
+    """Returns the least distance of a point from the straight line between two others, in m."""
+    step = [b - a for a, b in zip(start, end, strict=True)]
+    offset = [b - a for a, b in zip(start, point, strict=True)]
+    squared = math.fsum(s * s for s in step)
+    along = math.fsum(s * o for s, o in zip(step, offset, strict=True))
+    part = min(max(along / squared, 0.0), 1.0) if squared > 0 else 0.0
+    return math.dist(offset, [part * s for s in step])
 
 
 class Planner:

@@ -131,6 +131,7 @@ def store_pictured(folder: Path, trial: int, steps: int = 3) -> None:
         f"recording-{trial}",
         {
             "trial": trial,
+            "collided_at": None,
             "samples": {"position": samples, "weight": [[0.4, 0.3, 0.2, 0.1]] * steps},
             "matching": {"sample": curves, "intensity": curves},
         },

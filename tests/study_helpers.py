@@ -156,7 +156,7 @@ def time_steps(config: dict[str, Any]) -> list[float]:
 
 def record(config: dict[str, Any]) -> dict[str, Any]:
     """One trial in detail."""
-    return {"trial": config["record"], "samples": None, "matching": {}}
+    return {"trial": config["record"], "collided_at": None, "samples": None, "matching": {}}
 
 
 def device(config: dict[str, Any]) -> str:

@@ -115,6 +115,9 @@ def test_the_work_is_what_the_configuration_says(workload):
     np.testing.assert_allclose(plant.plant_step(workload, x.tolist(), u.tolist()), moved, rtol=1e-6)
     clearance = plant.judge(workload, [x.tolist()])["clearance"]
     np.testing.assert_allclose(clearance, problem.clearance(x), rtol=1e-6)
+    path = np.array([x, [3.2, 0.4, 0.0, 0.0], [3.2, 0.4, 0.0, 0.0], [7.5, -0.4, 0.0, 0.0]])
+    clearance = plant.judge(workload, path.tolist())["clearance"]
+    np.testing.assert_allclose(clearance, np.min(problem.path_clearance(path)), rtol=1e-6)
 
 
 def test_a_subject_answers_line_by_line_and_survives_its_errors(workload):

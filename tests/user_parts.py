@@ -104,6 +104,14 @@ class Fog:
 
 
 @struct
+class SpoiltStep(Fog):
+    """Represents obstacles whose closed form of a step has the wrong shape."""
+
+    def segment_clearance(self, start: Array, end: Array) -> Array:
+        return self.clearance(start)[None]
+
+
+@struct
 class Ghost:
     """Represents obstacles without a clearance."""
 

@@ -56,6 +56,7 @@ if TYPE_CHECKING:  # the same names as below, for type checkers
         UKF as UKF,
     )
     from .obstacles import (
+        ClosedFormClearance as ClosedFormClearance,
         ObstacleShape as ObstacleShape,
         Obstacles as Obstacles,
         Surroundings as Surroundings,
@@ -139,7 +140,7 @@ _NAMES = {
         "WeighsPaths",
         "WrappedMeasurements",
     ],
-    "obstacles": ["ObstacleShape", "Surroundings", "Obstacles"],
+    "obstacles": ["ClosedFormClearance", "ObstacleShape", "Surroundings", "Obstacles"],
     "systems": [
         "Beacons",
         "LightDark",

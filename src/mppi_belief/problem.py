@@ -23,9 +23,12 @@ from __future__ import annotations
 import inspect
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
+import jax
+import jax.numpy as jnp
 from jax import Array
 
 from .obstacles import ObstacleShape, Surroundings
+from .obstacles.segments import path_clearance
 from .structs import ArrayField, OptionalArrayField, array, choice, indices, number, size, struct
 
 
@@ -207,6 +210,7 @@ class Problem:
     prior_weights: OptionalArrayField = array(
         default=None, ndim=1, gt=0, optional=True
     )  # (m,), any sum
+    collision_resolution: float = number(default=0.01, gt=0)  # m; see `path_clearance`
 
     def __post_init__(self) -> None:
         """Refuses a system that has what is given to the problem."""
@@ -230,6 +234,18 @@ class Problem:
     def clearance(self, x: Array) -> Array:
         """Returns the distance from a state to the nearest obstacle, inf without: (nx,) -> ()."""
         return self.surroundings.clearance(x)
+
+    def path_clearance(self, states: Array) -> Array:
+        """Returns the least distance to an obstacle (T,) on every step between states (T+1, nx).
+
+        Positions move in straight lines between the states. With discs the distance is exact. For
+        other obstacles it is taken at points that are at most `collision_resolution` apart, so none
+        is missed that a step is inside for at least that length. It is inf without obstacles.
+        """
+        if self.obstacles is None:
+            return jnp.full(len(states) - 1, jnp.inf)
+        positions = jax.vmap(self.position_of)(states)
+        return path_clearance(self.obstacles, positions, self.collision_resolution)
 
     def penalty(self, x: Array) -> Array:
         """Returns the running cost that only steers the planner: (nx,) -> ()."""

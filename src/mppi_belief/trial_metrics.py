@@ -16,7 +16,7 @@ from .simulate import Trial
 def metrics(problem: Problem, trial: Trial) -> Metrics:
     """Returns what a trial is judged by.
 
-    A collision is a state of any step on or inside an obstacle.
+    A trial collides where it touches an obstacle at a state or on the straight line between two.
     """
     cost = problem.cost
     rates = jax.vmap(lambda x, u: cost.base(x) + 0.5 * quadratic_form(cost.R, u))(
@@ -24,7 +24,7 @@ def metrics(problem: Problem, trial: Trial) -> Metrics:
     )
     running = jnp.sum(rates) * problem.dt
     terminal = cost.terminal(trial.states[-1])
-    clearance = jnp.min(jax.vmap(problem.clearance)(trial.states))
+    clearance = jnp.min(problem.path_clearance(trial.states))
     miss = problem.position_of(trial.states[-1]) - problem.position_of(jnp.asarray(cost.goal))
     return Metrics(
         cost=running + terminal,

@@ -257,7 +257,8 @@ def test_a_recording_is_made_once_and_only_where_a_cell_asks_for_one(study):
     silent = Cell(config(seed=1))
     study.run(asking, silent)
     path = study.root / asking.id / "recording-3.json"
-    assert files.read_json(path.parent, path.stem) == {"trial": 3, "samples": None, "matching": {}}
+    recording = {"trial": 3, "collided_at": None, "samples": None, "matching": {}}
+    assert files.read_json(path.parent, path.stem) == recording
     path.write_text('{"trial": "mine"}')
     study.run(asking, silent, n_trials=15)
     assert path.read_text() == '{"trial": "mine"}'

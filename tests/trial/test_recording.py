@@ -1,5 +1,6 @@
 """Tests the recording of one trial: its sampled paths and the residuals along it."""
 
+import copy
 import json
 from typing import Any, NamedTuple
 
@@ -43,6 +44,7 @@ class TrialResult(NamedTuple):
     row: dict[str, Any]
     means: np.ndarray  # (STEPS + 1, nx)
     controls: np.ndarray  # (STEPS, nu)
+    states: np.ndarray  # (STEPS + 1, nx)
     covs: np.ndarray  # (STEPS + 1, nx nx)
 
 
@@ -60,7 +62,8 @@ def trial_result(config: dict[str, Any]) -> TrialResult:
     means = np.stack([step["mean"] for step in batch.paths])
     controls = np.stack([step["control"] for step in batch.paths[:-1]])
     covs = np.stack([step["cov"] for step in batch.paths])
-    return TrialResult(batch.rows[0], means, controls, covs)
+    states = np.stack([step["state"] for step in batch.paths])
+    return TrialResult(batch.rows[0], means, controls, states, covs)
 
 
 @pytest.fixture(scope="module")
@@ -162,6 +165,21 @@ def test_a_single_state_is_always_matched_and_by_the_imposed_weight_where_the_th
         np.testing.assert_allclose(scalar.curve(convention, "optimum"), 0, atol=1e-5)
     np.testing.assert_allclose(scalar.curve("intensity", "imposed"), 0, atol=1e-5)
     assert np.all(scalar.curve("sample", "imposed") > 0.1)
+
+
+@pytest.mark.parametrize("step", [0, 3, None], ids=["at the start", "between", "never"])
+def test_the_first_collision_is_that_of_the_path_between_its_states(step, silent):
+    """Puts a small disc on the path of a controller that does not see obstacles."""
+    config = copy.deepcopy(silent.config)
+    states = trial_result(config).states
+    discs = np.full((2, 2), 99.0)
+    if step is not None:
+        discs[0] = states[max(step - 1, 0) : step + 1, :2].mean(axis=0)
+    obstacles = config["problem"]["obstacles"]
+    config["problem"]["obstacles"] = obstacles | {"centers": discs.tolist(), "radius": 1e-5}
+    with compiled_quickly():
+        assert record(config)["collided_at"] == step
+        assert run_trials(config, [TRIAL]).rows[0]["collided"] is (step is not None)
 
 
 def test_a_controller_without_samples_has_a_residual_but_no_paths(silent):

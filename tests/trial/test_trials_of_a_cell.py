@@ -246,6 +246,10 @@ def test_obstacles_that_return_what_they_should_not_are_named(how, reason):
         ({"system": "Rows"}, r"system\.G fails .*a whole number such as n is declared with .*size"),
         ({"cost": "Blind"}, r"cost\.penalty must take \(x, surroundings\): "),
         ({"obstacles": "Ghost"}, r"problem\.obstacles\.clearance is missing: Ghost must have it"),
+        (
+            {"obstacles": "SpoiltStep", "cost": "Price"},
+            r"problem\.obstacles\.segment_clearance has shape \(1,\), must be \(\)",
+        ),
     ],
 )
 def test_a_part_without_what_it_must_have_is_refused(parts, reason):

@@ -9,7 +9,7 @@ import math
 from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
-ALGORITHM_VERSION = 3  # raise when the same configuration would give other numbers
+ALGORITHM_VERSION = 4  # raise when the same configuration would give other numbers
 
 # The keys of a configuration that make a cell's numbers: what it is built from, and how it is
 # computed.

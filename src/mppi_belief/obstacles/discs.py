@@ -26,3 +26,23 @@ class Obstacles:
             )
         offsets = position - jnp.asarray(self.centers)
         return jnp.min(jnp.sqrt(jnp.sum(offsets**2, axis=-1))) - self.radius
+
+    def segment_clearance(self, start: Array, end: Array) -> Array:
+        """Returns the least clearance () on the straight line between two positions (d,).
+
+        It is that of the point of the line nearest to each centre, exact.
+        """
+        if len(self.centers) == 0:
+            return jnp.asarray(jnp.inf)
+        centers = jnp.asarray(self.centers)
+
+        # Divided by its largest component, the step can be squared however long or short it is.
+        step = end - start
+        scale = jnp.max(jnp.abs(step))
+        direction = step / jnp.where(scale > 0, scale, 1.0)
+        squared = jnp.where(scale > 0, jnp.sum(direction**2), 1.0)
+
+        # The point nearest to each centre, (n, d).
+        along = jnp.sum((centers - start) * direction, axis=-1) / squared
+        nearest = start + jnp.clip(along, 0.0, scale)[:, None] * direction
+        return jnp.min(jnp.sqrt(jnp.sum((nearest - centers) ** 2, axis=-1))) - self.radius

@@ -131,7 +131,8 @@ def read_cell_results(
     steps, scene = position_first(steps, scene)
     timing = _read_notes(contents, "timing", {"seconds"})
     recording_name = f"recording-{cell.config.get('record')}"
-    recording = _read_notes(contents, recording_name, {"trial", "samples", "matching"})
+    recording_keys = {"trial", "collided_at", "samples", "matching"}
+    recording = _read_notes(contents, recording_name, recording_keys)
 
     return CellResults(
         cell=cell,

@@ -20,8 +20,8 @@ class Metrics(NamedTuple):
     cost: Any  # running_cost + terminal_cost
     running_cost: Any  # the integral
     terminal_cost: Any  # the cost of the last state
-    collided: Any  # bool, whether a state of any step lies on or inside an obstacle
-    clearance: Any  # m, the least distance to an obstacle over all steps
+    collided: Any  # bool, whether the path touches an obstacle, at a state or between two
+    clearance: Any  # m, the least distance of the path to an obstacle; its steps are straight
     final_distance: Any  # m, distance from the last position to that of the goal
     ess: Any  # effective sample size, averaged over the steps; 1 to the number of samples
 

@@ -12,6 +12,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from ..errors import ConfigError
+from ..obstacles import ClosedFormClearance
 from ..problem import Problem
 
 # Members by the name that messages give them, and their shapes: nx states, nu controls, nw noise
@@ -29,6 +30,7 @@ SHAPES: dict[str, tuple[str, ...]] = {
     "system.c": ("ny",),
     "system.sigma_o": ("ny", "ny"),
     "problem.obstacles.clearance": (),
+    "problem.obstacles.segment_clearance": (),
     "cost.base": (),
     "cost.penalty": (),
     "cost.terminal": (),
@@ -42,6 +44,8 @@ def member_names(problem: Problem) -> list[str]:
     absent = [name for name in OPTIONAL if getattr(problem, name.rpartition(".")[2]) is None]
     if problem.obstacles is None:
         absent.append("problem.obstacles.clearance")
+    if not isinstance(problem.obstacles, ClosedFormClearance):
+        absent.append("problem.obstacles.segment_clearance")
     return [name for name in SHAPES if name not in absent]
 
 
@@ -86,6 +90,9 @@ def member_value(name: str, problem: Problem, x: Array) -> Any:
         return problem.penalty(x)
     if name == "problem.obstacles.clearance":
         return problem.clearance(x)
+    if isinstance(problem.obstacles, ClosedFormClearance) and name.endswith("segment_clearance"):
+        position = problem.position_of(x)
+        return problem.obstacles.segment_clearance(position, position)
     member = getattr(_owner(problem, name), name.rpartition(".")[2])
     if name.startswith("problem.") or name == "cost.goal":
         return jnp.asarray(member)

@@ -50,6 +50,7 @@ def record(config: dict[str, Any]) -> dict[str, Any]:
         paths, trial = _run_with_paths(*parts, config["seed"], config["record"])
         return {
             "trial": config["record"],
+            "collided_at": _first_collision(parts.problem, trial),
             "samples": _thinned(paths),
             "matching": _matching_residuals(parts, trial),
             "tangent": _tangent_residuals(parts.problem, trial),
@@ -99,6 +100,16 @@ def _thinned(paths: PathsInSpace | None) -> dict[str, Any] | None:
         "position": np.round(shown_positions.transpose(0, 3, 1, 2), 3).tolist(),
         "weight": np.round(shown_weights, 5).tolist(),
     }
+
+
+def _first_collision(problem: Problem, trial: Trial) -> int | None:
+    """Returns the first step by whose end the path has touched an obstacle, None without any."""
+    clearance = np.asarray(jax.jit(Problem.path_clearance)(problem, trial.states))
+    touched = np.flatnonzero(clearance <= 0)
+    if not len(touched):
+        return None
+    starts_inside = touched[0] == 0 and problem.clearance(trial.states[0]) <= 0
+    return 0 if starts_inside else int(touched[0]) + 1
 
 
 def _matching_residuals(parts: CellParts, trial: Trial) -> dict[str, Any]:

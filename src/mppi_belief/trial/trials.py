@@ -188,6 +188,8 @@ def divergence(judged: Metrics, result: Trial) -> str | None:
         "cost": judged.cost,
     }
     lost = [name for name, values in quantities.items() if not np.all(np.isfinite(values))]
+    if np.isnan(judged.clearance):
+        lost.append("clearance")
     if not lost and np.any(np.asarray(result.ess) == 0):
         lost = ["cost of every sampled path of a step"]
     return f"the {' and the '.join(lost)} left the finite numbers" if lost else None

@@ -24,7 +24,7 @@ DEFINITE = 1e-12  # least eigenvalue of R, relative to the largest
 
 Shape = tuple[int, ...]
 
-MAY_BE_INFINITE = ("problem.obstacles.clearance",)
+MAY_BE_INFINITE = ("problem.obstacles.clearance", "problem.obstacles.segment_clearance")
 
 _UNTRACED = (
     "it needs the values of its state, as `if`, `float` and NumPy do; "

@@ -105,8 +105,8 @@ def _recorded_trial(cell: CellResults) -> AnimatedTrial | None:
     if len(steps) < 2:
         return None
     position, mean, cov = stacked_steps(steps)
-    obstacles = np.reshape(scene["obstacles"], (-1, 2))
-    distance = np.linalg.norm(position[:, None] - obstacles, axis=-1)
+    collided_at = cell.recording["collided_at"]
+    first_collision = len(position) if collided_at is None else collided_at
     return AnimatedTrial(
         cell=cell,
         scene=scene,
@@ -115,7 +115,7 @@ def _recorded_trial(cell: CellResults) -> AnimatedTrial | None:
         cov=cov,
         samples=np.asarray(samples["position"]),
         weights=np.asarray(samples["weight"]),
-        collided=np.logical_or.accumulate((distance <= scene["radius"]).any(axis=1)),
+        collided=np.arange(len(position)) >= first_collision,
     )
 
 
