@@ -1,15 +1,16 @@
-"""Where the command `mppi-belief` begins: it blocks signals, then imports the rest; see
-`run/signals.py`.
+"""Where the command `mppi-belief` begins: it blocks signals and opens streams that are closed, then
+imports the rest; see `run/signals.py` and `run/streams.py`.
 """
 
 import sys
 
-from .run import signals
+from .run import signals, streams
 
 
 def main() -> int:
     """Runs the `mppi-belief` command; returns its exit code."""
     signals.block()
+    streams.open_closed_streams()
     from .cli.main import main as command  # after signals are blocked
 
     code = command()

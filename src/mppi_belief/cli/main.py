@@ -13,11 +13,13 @@ wait for what is slow to load. And what imports JAX is imported only after `envi
 set the variables that JAX reads on import.
 """
 
+import contextlib
 import io
 import os
 import shlex
 import sys
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 from .. import __version__
@@ -56,6 +58,7 @@ def main() -> int:
 
 def carry_out(command: str, args: list[str]) -> int:
     """Runs one command; `run` handles signals itself, the others end at the first one."""
+    _check_working_directory()
     if command == "run":
         with held():
             return int(COMMANDS[command].main(args))
@@ -97,8 +100,11 @@ def guarded(command: Callable[[], int]) -> int:
     except OSError as error:
         try:
             sys.stdout.flush()
+            _check_working_directory()
         except OSError:
             _discard_output()
+        except ConfigError as gone:
+            return complain(str(gone), exit_codes.CANNOT_WRITE)
         where = f": {error.filename}" if error.filename else ""
         reason = error.strerror or error
         return complain(f"cannot write results: {reason}{where}", exit_codes.CANNOT_WRITE)
@@ -106,8 +112,17 @@ def guarded(command: Callable[[], int]) -> int:
 
 def complain(line: str, code: int) -> int:
     """Prints one line on stderr and returns the given exit code."""
-    print(f"mppi-belief: {plain_line(line)}", file=sys.stderr)
+    with contextlib.suppress(OSError):  # nobody reads it, or it cannot be written
+        print(f"mppi-belief: {plain_line(line)}", file=sys.stderr)
     return code
+
+
+def _check_working_directory() -> None:
+    """Raises `ConfigError` where the working directory is gone, to which all paths are relative."""
+    try:
+        Path.cwd()
+    except FileNotFoundError:
+        raise ConfigError("the working directory was deleted; change to one that exists") from None
 
 
 def _unknown_command(args: list[str]) -> str:
