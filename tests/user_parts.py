@@ -161,6 +161,25 @@ class Rows:
 
 
 @struct
+class Switched(Drifting):
+    """Represents a system with a switch that was not declared with `choice`."""
+
+    on: bool = True
+
+    def f(self, x: Array) -> Array:
+        return x if self.on else -x
+
+
+@struct
+class Fixed(Drifting):
+    """Represents a system whose drift is a property."""
+
+    @property
+    def f(self) -> Array:
+        return jnp.zeros(2)
+
+
+@struct
 class Price:
     """Represents a cost of two states and one control, spoilt as `Drifting` is."""
 

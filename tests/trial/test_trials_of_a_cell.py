@@ -242,8 +242,27 @@ def test_obstacles_that_return_what_they_should_not_are_named(how, reason):
     ("parts", "reason"),
     [
         ({"system": "Mute"}, r"system\.c is missing: Mute must have it"),
-        ({"system": "Squally"}, r"system\.H is a method: it must be a property"),
-        ({"system": "Rows"}, r"system\.G fails .*a whole number such as n is declared with .*size"),
+        (
+            {"system": "Squally"},
+            r"system\.H: Squally\.H is a method, must be the same for all states: write "
+            r"`@property` above it and `def H\(self\)`$",
+        ),
+        (
+            {"system": "Fixed"},
+            r"system\.f: Fixed\.f is no method, must be a function of the state: write "
+            r"`def f\(self, x\)`$",
+        ),
+        (
+            {"system": "Rows"},
+            r"system\.G fails for a state of shape \(2,\): it needs the value of Rows\.n, which "
+            r"JAX traces; write `n: int = mppi_belief\.size\(2\)` \(user_parts\.py, line \d+\)$",
+        ),
+        (
+            {"system": "Switched"},
+            r"system\.f fails .* jnp\.where and jnp\.\* for that; or it needs the value of "
+            r"Switched\.on, which JAX traces; write `on: bool = mppi_belief\.choice\(True, False\)`"
+            r" \(user_parts\.py, line \d+\)$",
+        ),
         ({"cost": "Blind"}, r"cost\.penalty must take \(x, surroundings\): "),
         ({"obstacles": "Ghost"}, r"problem\.obstacles\.clearance is missing: Ghost must have it"),
         (

@@ -27,7 +27,7 @@ def show_overview(
     """
     results = [read_cell_results(cell, root, n_trials) for cell in cells]
     results = [cell for cell in results if len(cell.rows)]
-    failed = sum(_print_failures(cell) for cell in results)
+    failed = sum(_print_failures(cell, root, config_dirs) for cell in results)
     if results:
         lines = [summary_text(cell.rows, cell.labels, cell.seconds) for cell in results]
         print(aligned_text(lines))
@@ -60,12 +60,17 @@ def replay_command(cell_id: str, trial: int, root: Path, config_dirs: Sequence[s
     return shlex.join(words)
 
 
-def _print_failures(cell: CellResults) -> int:
-    """Prints an example of each kind of failure to stderr; returns how many trials failed."""
+def _print_failures(cell: CellResults, root: Path, config_dirs: Sequence[str]) -> int:
+    """Prints an example of each kind of failure to stderr, and for an exception the command that
+    shows it; returns how many trials failed.
+    """
     failed = cell.rows[cell.rows["status"] != "ok"]
     for status, rows in failed.groupby("status"):
         first = rows.iloc[0]
-        line = f"{cell.id}: {len(rows)} {status}, e.g. trial {first['trial']}: {first['error']}"
+        trial = first["trial"]
+        line = f"{cell.id}: {len(rows)} {status}, e.g. trial {trial}: {first['error']}"
+        if status == "error":
+            line += f"; `{replay_command(cell.id, trial, root, config_dirs)}` shows it"
         print(line, file=sys.stderr)
     return len(failed)
 

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import ConfigError
+from .own_code import source_line
 
 PACKAGE = __name__.partition(".")[0]
 ALLOWED_TARGETS = f"must name a class of {PACKAGE} or of a module in a --config-dir folder"
@@ -39,7 +40,16 @@ def locate(name: Any, path: str) -> Any:
     try:
         return getattr(import_module(module), attribute)
     except (Exception, SystemExit) as error:  # a module may do anything while it is imported
-        raise ConfigError(f"{path}._target_={name}: {type(error).__name__}: {error}") from error
+        text = f"{path}._target_={name}: {type(error).__name__}: {error}"
+        raise ConfigError(with_source_line(text, error)) from error
+
+
+def with_source_line(text: str, error: BaseException) -> str:
+    """Returns the text with the line of the user's own code in which an exception was raised, if
+    there is one: "text (mine.py, line 12)".
+    """
+    line = source_line(error, ALLOWED_FOLDERS)
+    return f"{text} ({line})" if line and line not in text else text
 
 
 def fingerprints(config: dict[str, Any], folders: Sequence[str | Path]) -> dict[str, str]:

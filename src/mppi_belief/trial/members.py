@@ -4,7 +4,6 @@ Messages give a member the name that its key has in a configuration: "system.f" 
 `problem.system.f`.
 """
 
-import dataclasses
 import inspect
 from typing import Any
 
@@ -36,6 +35,12 @@ SHAPES: dict[str, tuple[str, ...]] = {
     "cost.terminal": (),
 }
 CONSTANT = ("system.H", "cost.R", "cost.goal")  # properties, not functions of the state
+# Arguments of the functions that take something else than a state.
+ARGUMENTS = {
+    "cost.penalty": "x, surroundings",
+    "problem.obstacles.clearance": "position",
+    "problem.obstacles.segment_clearance": "start, end",
+}
 OPTIONAL = ("problem.prior_modes", "problem.prior_weights")
 
 
@@ -49,7 +54,7 @@ def member_names(problem: Problem) -> list[str]:
     return [name for name in SHAPES if name not in absent]
 
 
-def _owner(problem: Problem, name: str) -> Any:
+def owner_of(problem: Problem, name: str) -> Any:
     """Returns the object whose member a name of `SHAPES` is."""
     parts = name.split(".")[:-1]
     owner: Any = problem
@@ -60,17 +65,40 @@ def _owner(problem: Problem, name: str) -> Any:
 
 def check_member(problem: Problem, name: str) -> None:
     """Raises `ConfigError` for a member that is missing or takes other arguments."""
-    owner = _owner(problem, name)
+    owner = owner_of(problem, name)
     member = inspect.getattr_static(owner, name.rpartition(".")[2], None)
     if member is None:
         raise ConfigError(f"{name} is missing: {type(owner).__name__} must have it")
-    if name in CONSTANT and inspect.isfunction(member):
-        raise ConfigError(f"{name} is a method: it must be a property, the same for all states")
+    _check_kind(type(owner).__name__, name, member)
     if name == "cost.penalty" and inspect.isfunction(member):
-        _check_takes_surroundings(member, name, "x, surroundings")
+        _check_takes_surroundings(member, name, ARGUMENTS[name])
         moments = inspect.getattr_static(owner, "running_moments", None)
         if inspect.isfunction(moments):
             _check_takes_surroundings(moments, "cost.running_moments", "mean, cov, surroundings")
+
+
+def _check_kind(kind: str, name: str, member: Any) -> None:
+    """Raises `ConfigError` for a method of the class `kind` in place of a property, and the other
+    way round.
+    """
+    word = name.rpartition(".")[2]
+    if name in CONSTANT:
+        if inspect.isfunction(member):
+            raise ConfigError(
+                f"{name}: {kind}.{word} is a method, must be the same for all states: write "
+                f"`@property` above it and `def {word}(self)`"
+            )
+    elif not name.startswith("problem.prior") and not callable(_function_of(member)):
+        arguments = ARGUMENTS.get(name, "x")
+        raise ConfigError(
+            f"{name}: {kind}.{word} is no method, must be a function of the state: write "
+            f"`def {word}(self, {arguments})`"
+        )
+
+
+def _function_of(member: Any) -> Any:
+    """Returns the function of a static or class method, anything else as it is."""
+    return getattr(member, "__func__", member)
 
 
 def _check_takes_surroundings(method: Any, name: str, arguments: str) -> None:
@@ -93,21 +121,7 @@ def member_value(name: str, problem: Problem, x: Array) -> Any:
     if isinstance(problem.obstacles, ClosedFormClearance) and name.endswith("segment_clearance"):
         position = problem.position_of(x)
         return problem.obstacles.segment_clearance(position, position)
-    member = getattr(_owner(problem, name), name.rpartition(".")[2])
+    member = getattr(owner_of(problem, name), name.rpartition(".")[2])
     if name.startswith("problem.") or name == "cost.goal":
         return jnp.asarray(member)
     return member if name in CONSTANT else member(x)
-
-
-def undeclared_sizes(problem: Problem, name: str) -> str:
-    """Returns a sentence about fields annotated as whole numbers that are not made with `size`."""
-    owner = _owner(problem, name)
-    if not dataclasses.is_dataclass(owner):
-        return ""
-    fields = dataclasses.fields(owner)
-    undeclared = [
-        field.name for field in fields if field.type in (int, "int") and not field.metadata
-    ]
-    if not undeclared:
-        return ""
-    return f"; a whole number such as {', '.join(undeclared)} is declared with mppi_belief.size"

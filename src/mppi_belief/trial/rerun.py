@@ -1,6 +1,6 @@
 """Runs one trial again and compares it, bit for bit, with its stored row and path."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,12 +21,17 @@ class Difference(NamedTuple):
     location: str  # where along the path the first one is; empty for a value of the row
 
 
-def rerun(config: dict[str, Any], trial: int) -> Batch:
+def rerun(
+    config: dict[str, Any],
+    trial: int,
+    on_error: Callable[[Exception], object] = lambda error: None,
+) -> Batch:
     """Runs one trial at its position in its batch, and keeps its path.
 
-    Raises `ConfigError` where the configuration cannot be run.
+    `on_error` is called with an exception of the trial. Raises `ConfigError` where the
+    configuration cannot be run.
     """
-    return run_trials(config, [trial], path_limit=trial + 1)
+    return run_trials(config, [trial], trial + 1, on_error)
 
 
 def differences(

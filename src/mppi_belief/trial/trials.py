@@ -9,7 +9,7 @@ it, so trial i always has position i mod `batch`; positions of trials that are n
 that is.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import jax
@@ -17,6 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..config.cell import batches, labels
+from ..config.targets import with_source_line
 from ..errors import ConfigError
 from ..problem import Controller, Filter, Problem
 from ..results.columns import Consistency, Metrics
@@ -46,12 +47,16 @@ class JudgedTrial(NamedTuple):
 
 
 def run_trials(
-    config: dict[str, Any], trials: Sequence[int], path_limit: int = KEPT_PATHS
+    config: dict[str, Any],
+    trials: Sequence[int],
+    path_limit: int = KEPT_PATHS,
+    on_error: Callable[[Exception], object] = lambda error: None,
 ) -> Batch:
     """Runs some trials of a cell, in ascending order, a batch at a time.
 
-    An exception in a trial becomes the status of its row. The paths of trials below `path_limit`
-    are returned too. Raises `ConfigError` for a configuration that cannot be run.
+    An exception in a trial becomes the status of its row, and `on_error` is called with it. The
+    paths of trials below `path_limit` are returned too. Raises `ConfigError` for a configuration
+    that cannot be run.
     """
     rows: list[dict[str, Any]] = []
     paths: list[dict[str, Any]] = []
@@ -60,6 +65,7 @@ def run_trials(
         for batch in batches(trials, config["batch"]):
             for trial, outcome in _run_batch(parts, config, batch):
                 if isinstance(outcome, Exception):
+                    on_error(outcome)
                     rows.append(failed_row(config, trial, "error", _reason(outcome)))
                     continue
                 rows.append(_row(config, trial, outcome))
@@ -170,13 +176,15 @@ def _labels(config: dict[str, Any], trial: int, status: str) -> dict[str, Any]:
 
 
 def _reason(error: Exception) -> str:
-    """Returns what an exception says.
+    """Returns what an exception says, and the line of the user's own code that raised it.
 
     That of a callback comes with a traceback, which differs with who runs it and where; of it only
     the last line is taken.
     """
     text = f"{type(error).__name__}: {error}".strip()
-    return text.splitlines()[-1] if "Traceback (most recent call last)" in text else text
+    if "Traceback (most recent call last)" in text:
+        text = text.splitlines()[-1]
+    return with_source_line(text, error)
 
 
 def divergence(judged: Metrics, result: Trial) -> str | None:

@@ -14,9 +14,10 @@ import numpy as np
 from jax import Array
 
 from ..discretise import measurement_cov, measurement_factor
-from ..errors import ConfigError, first_line
+from ..errors import ConfigError
 from ..problem import Problem
-from .members import SHAPES, check_member, member_names, member_value, undeclared_sizes
+from .members import SHAPES, check_member, member_names, member_value, owner_of
+from .traced_fields import reason_of
 
 DRAWS = 4  # states from the prior at which functions are computed
 SYMMETRIC = 1e-6  # relative to the largest entry of R
@@ -25,12 +26,6 @@ DEFINITE = 1e-12  # least eigenvalue of R, relative to the largest
 Shape = tuple[int, ...]
 
 MAY_BE_INFINITE = ("problem.obstacles.clearance", "problem.obstacles.segment_clearance")
-
-_UNTRACED = (
-    "it needs the values of its state, as `if`, `float` and NumPy do; "
-    "JAX has jnp.where and jnp.* for that"
-)
-_TRACERS = (jax.errors.ConcretizationTypeError, jax.errors.TracerArrayConversionError)
 
 
 def check_numbers(parts: Any, precision: str) -> None:
@@ -104,11 +99,8 @@ def _shape(problem: Problem, name: str) -> Shape:
     try:
         result = jax.eval_shape(functools.partial(member_value, name), problem, x)
     except Exception as error:
-        reason = _UNTRACED if isinstance(error, _TRACERS) else first_line(error)
-        raise ConfigError(
-            f"{name} fails for a state of shape {x.shape}: {reason}"
-            f"{undeclared_sizes(problem, name)}"
-        ) from error
+        reason = reason_of(error, owner_of(problem, name))
+        raise ConfigError(f"{name} fails for a state of shape {x.shape}: {reason}") from error
     if not isinstance(result, jax.ShapeDtypeStruct):
         raise ConfigError(f"{name} returns a {type(result).__name__}, must return one array")
     if not jnp.issubdtype(result.dtype, jnp.floating):
@@ -139,8 +131,9 @@ def _check_values(problem: Problem, precision: str) -> None:
     try:
         results = _values(problem, states)
     except Exception as error:
+        reason = reason_of(error, problem.system, problem.cost)
         raise ConfigError(
-            f"system or cost cannot be computed for several states: {first_line(error)}"
+            f"system or cost cannot be computed for several states: {reason}"
         ) from error
     values = {name: np.asarray(value, dtype=float) for name, value in results.items()}
     for name, value in values.items():
