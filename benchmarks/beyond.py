@@ -27,7 +27,7 @@ from environments import ROOT  # noqa: E402
 from mppi_belief.belief.prior import sample_prior  # noqa: E402
 from mppi_belief.config.compose import collect  # noqa: E402
 from mppi_belief.config.request import Request  # noqa: E402
-from mppi_belief.numerics.dispatch import compute_in_calling_thread  # noqa: E402
+from mppi_belief.numerics.jax_settings import pin_jax_settings  # noqa: E402
 from mppi_belief.results.provenance import provenance  # noqa: E402
 from mppi_belief.simulate import (  # noqa: E402
     FILTER,
@@ -42,8 +42,8 @@ from mppi_belief.trial import build  # noqa: E402
 from rounds import one_cpu, say  # noqa: E402
 from table import origin  # noqa: E402
 
-# JAX's CPU backend keeps what it starts with, so this precedes the first computation.
-compute_in_calling_thread()
+# JAX keeps the dispatch that it starts with, so this precedes the first computation.
+pin_jax_settings()
 
 STEPS = 60
 BELIEF = "controller=belief"

@@ -126,7 +126,7 @@ def threads_of_peers() -> dict[str, str]:
     before = dict(os.environ)
     try:
         environment.prepare()
-        return environment.threads() | {"JAX_PLATFORMS": "cpu"}
+        return environment.threads() | environment.numeric_settings() | {"JAX_PLATFORMS": "cpu"}
     finally:
         os.environ.clear()
         os.environ.update(before)

@@ -26,12 +26,12 @@ from environments import ROOT  # noqa: E402
 from mppi_belief import MPPI  # noqa: E402
 from mppi_belief.config.compose import collect  # noqa: E402
 from mppi_belief.config.request import Request  # noqa: E402
-from mppi_belief.numerics.dispatch import compute_in_calling_thread  # noqa: E402
+from mppi_belief.numerics.jax_settings import pin_jax_settings  # noqa: E402
 from mppi_belief.simulate import closed_loop  # noqa: E402
 from mppi_belief.trial import CellParts, build, time_steps  # noqa: E402
 
-# JAX's CPU backend keeps what it starts with, so this precedes the first computation.
-compute_in_calling_thread()
+# JAX keeps the dispatch that it starts with, so this precedes the first computation.
+pin_jax_settings()
 
 SAMPLES = (50, 150, 500, 1500, 5000)
 STEPS = range(0, 30, 3)  # of the trial: the obstacles are passed in its first 3 s

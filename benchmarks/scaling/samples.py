@@ -10,7 +10,7 @@ from statistics import median
 from typing import Any
 
 import rounds
-from mppi_belief.config.environment import cache_dir
+from mppi_belief.config.cache_folders import program_folder
 from plant import WARM_UP
 from remote import SubjectError
 from table import summary
@@ -64,13 +64,19 @@ def _start(name: str, cpu: int, folder: Path) -> Any:
 
 def _compiles(subject: Any, work: dict[str, Any]) -> bool:
     """Makes a subject compile its program; returns whether it was not in the cache before."""
-    before = programs(cache_dir())
+    before = _programs()
     try:
         subject.ask("prepare", workload=work, dtype="float32")
         subject.ask("time", calls=1)
     except SubjectError:  # told again, and kept, when it is measured
         return False
-    return programs(cache_dir()) > before
+    return _programs() > before
+
+
+def _programs() -> int:
+    """Returns the number of compiled programs in the cache of this user."""
+    folder = program_folder()
+    return programs(folder) if folder else 0
 
 
 def _row(

@@ -17,12 +17,12 @@ import jax.numpy as jnp  # noqa: E402
 
 from mppi_belief.config.compose import collect  # noqa: E402
 from mppi_belief.config.request import Request  # noqa: E402
-from mppi_belief.numerics.dispatch import compute_in_calling_thread  # noqa: E402
+from mppi_belief.numerics.jax_settings import pin_jax_settings  # noqa: E402
 from mppi_belief.trial import build, time_steps  # noqa: E402
 from plant import WARM_UP, Workload, judge, plant_step  # noqa: E402
 
-# JAX's CPU backend keeps what it starts with, so this precedes the first computation.
-compute_in_calling_thread()
+# JAX keeps the dispatch that it starts with, so this precedes the first computation.
+pin_jax_settings()
 
 
 def make(name: str, workload: Workload, dtype: str) -> "Controller":

@@ -148,7 +148,9 @@ def test_a_failed_trial_must_fail_the_same_way(replay, ran, tmp_path, monkeypatc
     folder = tmp_path / "outputs" / "results" / cell.id
     results.write_rows(folder, batch.rows, {"config": cell.config, **RUN})
     ended = replay(cell.id, "0")
-    assert (ended.code, ended.err) == (0, "")
+    assert ended.code == 0
+    assert ended.err.startswith("Traceback (most recent call last)")
+    assert ended.err.endswith("RuntimeError: no plan survives\nthe first step\n")
     assert ": error, " in ended.out
     assert ended.out.endswith("no picture: it has no path\n")
     assert len(files_in(folder)) == 1

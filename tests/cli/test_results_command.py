@@ -445,6 +445,14 @@ def break_trials(cell: Path) -> None:
     )
 
 
+def break_settings(cell: Path) -> None:
+    """Trials of one cell that two settings of XLA gave."""
+    for trial, flag in ((90, "false"), (91, "true")):
+        settings = {"settings": {"XLA_FLAGS": f"--fast={flag}"}}
+        run = {"config": CELL.config, **source(), **settings}
+        results.write_rows(cell, rows_of(CELL, 1, first=trial), run)
+
+
 def break_path(cell: Path) -> None:
     """Another path of the same trial."""
     _, table = results.read_table(next(cell.glob("paths-*")))
@@ -479,6 +487,11 @@ BREAKS: dict[str, tuple[Callable[[Path], object], str]] = {
     "a seed": (
         lambda cell: rewritten(min(cell.glob("part-*")), with_column("seed", 5)),
         "seed [5] in its rows is not that of its configuration",
+    ),
+    "settings": (
+        break_settings,
+        'different settings: trials 90 with {"XLA_FLAGS": "--fast=false"}; '
+        'trials 91 with {"XLA_FLAGS": "--fast=true"}',
     ),
     "a path without a row": (lambda cell: store_pictured(cell, 77), "trials 77 have no row"),
     "a shorter path": (

@@ -78,7 +78,7 @@ def test_a_file_says_where_it_comes_from(tmp_path):
     assert stored_source == {"trials": [[0, 0]], **source}
     assert stored_source["command"] == ["mppi-belief", "run", "theta=1"]
     assert {"python", "jax", "numpy", "mppi-belief"} <= set(stored_source["versions"])
-    assert set(stored_source["threads"]) >= {"NPROC", "OMP_NUM_THREADS", "XLA_FLAGS"}
+    assert set(stored_source["threads"]) >= {"NPROC", "OMP_NUM_THREADS"}
     assert {"commit", "dirty", "platform", "processor", "started", "algorithm"} <= set(
         stored_source
     )

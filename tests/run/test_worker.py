@@ -82,13 +82,15 @@ def test_it_takes_over_paths_and_variables(monkeypatch):
     monkeypatch.setattr("sys.path", ["old"])
     monkeypatch.setenv("KEPT", "1")
     monkeypatch.setenv("CHANGED", "1")
+    monkeypatch.setenv("JAX_RANDOM_SEED_OFFSET", "5")
     apply_setup(WorkerSetup(["new"], {"CHANGED": "2"}))
     import sys
 
     assert sys.path == [str(Path("new").resolve()), "old"]
     assert (os.environ["KEPT"], os.environ["CHANGED"]) == ("1", "2")
+    assert "JAX_RANDOM_SEED_OFFSET" not in os.environ
 
 
 def test_it_says_where_it_is():
-    assert set(machine()) == {"host", "platform", "processor"}
-    assert all(machine().values())
+    assert set(machine()) == {"host", "platform", "processor", "settings"}
+    assert all(machine()[name] for name in ("host", "platform", "processor"))

@@ -6,6 +6,7 @@ Nothing that a results folder names is looked for on the disk: a user's own code
 
 import os
 import sys
+import traceback
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -71,6 +72,10 @@ def changes_since(then: dict[str, Any], now: dict[str, Any]) -> list[str]:
         pairs.append(("commit", commit_label(then), commit_label(now)))
     pairs += [(f"code of {name}", code_then.get(name), code) for name, code in now["code"].items()]
     pairs += [(name, threads_then.get(name), value) for name, value in now["threads"].items()]
+    if "settings" in then:
+        names = sorted({*then["settings"], *now["settings"]})
+        for name in names:
+            pairs.append((name, then["settings"].get(name, ""), now["settings"].get(name, "")))
     return [
         f"{name} {before}, now {after}"
         for name, before, after in pairs
@@ -131,7 +136,7 @@ def _run_and_compare(stored: StoredTrial, source_now: dict[str, Any]) -> int:
         print(f"not as it was then: {'; '.join(changes)}")
 
     # The comparison.
-    batch = rerun(config, stored.trial)
+    batch = rerun(config, stored.trial, traceback.print_exception)
     deviations = differences(row, batch.rows[0], stored.path, batch.paths, config["precision"])
     for difference in deviations:
         print(_difference_line(difference, config["precision"]))

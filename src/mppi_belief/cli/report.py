@@ -48,6 +48,9 @@ def main(args: Sequence[str]) -> int:
     """Writes the report that a command line asks for; returns the exit code."""
     from ..config.cell import Cell
     from ..config.compose import collect
+    from ..config.environment import set_matplotlib_folder
+
+    set_matplotlib_folder()  # before Matplotlib is imported
     from ..report import build
     from .show_configuration import show, wants_printing
 

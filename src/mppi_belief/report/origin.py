@@ -1,6 +1,7 @@
 """Reports the provenance of the trials, and what keeps a reader from trusting their numbers."""
 
 import itertools
+import json
 import shlex
 from collections.abc import Iterable, Sequence
 from typing import Any
@@ -47,6 +48,11 @@ def trial_warnings(cells: Sequence[CellResults]) -> list[str]:
         "commits": {full_commit(source) for source in sources},
         "versions of jaxlib": {(source.get("versions") or {}).get("jaxlib") for source in sources},
         "devices": {source.get("device") for source in sources if source.get("device")},
+        "settings": {
+            json.dumps(source["settings"], sort_keys=True)
+            for source in sources
+            if "settings" in source
+        },
         "algorithm versions": {source.get("algorithm") for source in sources},
     }
     for name, values in origins.items():

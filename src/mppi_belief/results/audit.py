@@ -6,6 +6,7 @@ cell and of a run that its file names, what is there twice is the same bit for b
 has its row.
 """
 
+import json
 from collections.abc import Iterator, Sequence
 from typing import Any
 
@@ -27,6 +28,7 @@ def audit(contents: CellContents) -> list[str]:
     return [
         *contents.problems,
         *_misplaced(contents),
+        *_mixed_settings(contents),
         *disagreements(contents),
         *_differing_steps(contents),
         *_paths_without_row(contents),
@@ -53,6 +55,25 @@ def _misplaced(contents: CellContents) -> Iterator[str]:
             )
         for column, values in _foreign_labels(part, configs[0] if configs else None).items():
             yield f"{part.path}: {column} {values} in its rows is not that of its configuration"
+
+
+def _mixed_settings(contents: CellContents) -> Iterator[str]:
+    """Yields a line for a cell whose trials were computed with different settings, which may change
+    the digits of a number.
+
+    Sources without settings are of trials whose worker died, or of an earlier version.
+    """
+    trials: dict[str, list[list[int]]] = {}
+    for source in contents.sources:
+        if isinstance(source.get("settings"), dict):
+            text = json.dumps(source["settings"], sort_keys=True)
+            trials.setdefault(text, []).extend(source["trials"])
+    if len(trials) > 1:
+        parts = [
+            f"trials {ranges_in_words(sorted(pairs), most=5)} with {text}"
+            for text, pairs in trials.items()
+        ]
+        yield f"trials were computed with different settings: {'; '.join(parts)}"
 
 
 def _ranges_of_sources(part: ResultsFile) -> list[list[int]]:

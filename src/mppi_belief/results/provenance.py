@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from ..config.cell import ALGORITHM_VERSION
-from ..config.environment import threads
+from ..config.environment import numeric_settings, threads
 
 _PACKAGES = (
     "mppi-belief",
@@ -64,14 +64,19 @@ def _git(root: Path, *args: str) -> str:
     return completed.stdout.strip()
 
 
-@functools.cache
-def machine() -> dict[str, str]:
-    """Returns host, platform and processor; the last digits of a number may depend on the
-    processor.
+def machine() -> dict[str, Any]:
+    """Returns host, platform and processor, and the `settings` of this process on which the digits
+    of a number depend, as they may on the processor.
     """
-    return {"host": socket.gethostname(), "platform": platform.platform(), "processor": processor()}
+    return {
+        "host": socket.gethostname(),
+        "platform": platform.platform(),
+        "processor": processor(),
+        "settings": numeric_settings(),
+    }
 
 
+@functools.cache
 def processor() -> str:
     """Returns the model name of the processor."""
     info = Path("/proc/cpuinfo")

@@ -42,7 +42,7 @@ class CompletedBatch(NamedTuple):
     job: Job
     trials: tuple[int, ...]
     outcome: Any  # what the work returned for these trials, or `Failure`
-    machine: dict[str, str]  # host, platform and processor of the worker; {} if it died
+    machine: dict[str, Any]  # of the worker, see `results.provenance.machine`; {} if it died
 
 
 class Pool:

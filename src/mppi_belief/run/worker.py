@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
+from ..config import environment
 from ..config.targets import allow
 from ..errors import ConfigError
 from ..results.provenance import machine
@@ -39,7 +40,7 @@ class ChunkReport(NamedTuple):
     """Says what became of the trials of a chunk."""
 
     outcomes: list[TrialsOutcome]  # of each batch that was begun
-    machine: dict[str, str]  # host, platform and processor
+    machine: dict[str, Any]  # see `results.provenance.machine`
     seconds: float  # s, wall time of the chunk
     unfinished: Trials = ()  # trials not begun, since one before them hangs in this process
     mistake: str | None = None  # of the user or of the machine, which is no trial's own fault
@@ -50,7 +51,8 @@ class TimeLimitExceeded(Exception):
 
 
 def apply_setup(setup: WorkerSetup) -> None:
-    """Takes over what a worker is given."""
+    """Takes over what a worker is given, before it imports JAX."""
+    environment.remove_unsafe()
     os.environ.update(setup.variables)
     allow(setup.import_paths)
 

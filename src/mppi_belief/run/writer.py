@@ -5,6 +5,7 @@ Results wait for a twentieth of the time that the run has taken, a quarter of a 
 half a minute at most: a power cut may cost so much work.
 """
 
+import json
 import time
 from collections import defaultdict
 from pathlib import Path
@@ -57,13 +58,13 @@ class ResultsWriter:
         self._write_paths_and_scene(folder, batches)
 
         # One source for each machine, with the trials that it computed.
-        trials: dict[tuple[tuple[str, str], ...], list[int]] = defaultdict(list)
+        trials: dict[str, list[int]] = defaultdict(list)
         for batch in batches:
-            trials[tuple(batch.machine.items())] += batch.trials
+            trials[json.dumps(batch.machine)] += batch.trials
         elapsed = round(time.monotonic() - self._start_time, 1)
         run = {"config": batches[0].job.config, **self.provenance, "elapsed": elapsed}
         sources = [
-            {"trials": ranges(computed), **run, **dict(machine)}
+            {"trials": ranges(computed), **run, **json.loads(machine)}
             for machine, computed in trials.items()
         ]
 

@@ -8,10 +8,12 @@ import jax
 import numpy as np
 
 from ..config.targets import locate
-from ..errors import ConfigError, first_line, unknown_key
+from ..errors import ConfigError, unknown_key
+from ..numerics.jax_settings import pin_jax_settings
 from ..problem import Controller, Filter, Problem
 from ..simulate import simulate_trial
 from ..structs import is_struct
+from .traced_fields import reason_of
 from .validate import check_numbers, check_problem
 
 
@@ -24,7 +26,11 @@ class CellParts(NamedTuple):
 
 
 def build(config: dict[str, Any]) -> CellParts:
-    """Makes the objects that a configuration describes; raises `ConfigError`."""
+    """Makes the objects that a configuration describes; raises `ConfigError`.
+
+    A module that is imported for this keeps no settings of JAX that it has changed.
+    """
+    pin_jax_settings()
     system = _make_group(config, "system")
     cost = _make_group(config, "cost")
     filter = _make_group(config, "filter")
@@ -32,6 +38,7 @@ def build(config: dict[str, Any]) -> CellParts:
     problem = _make_group(config, "problem", {"system": system, "cost": cost})
     if not isinstance(problem, Problem):
         raise ConfigError("problem._target_: must be mppi_belief.Problem")
+    pin_jax_settings()
     return CellParts(problem, filter, controller)
 
 
@@ -88,6 +95,5 @@ def _check_trial(structure: Any, shapes: tuple[tuple[int, ...], ...], precision:
     try:
         jax.eval_shape(simulate_trial, *parts, 0, 0)
     except Exception as error:
-        raise ConfigError(
-            f"filter or controller does not fit the problem: {first_line(error)}"
-        ) from error
+        reason = reason_of(error, parts.controller, parts.filter, parts.problem)
+        raise ConfigError(f"filter or controller does not fit the problem: {reason}") from error

@@ -9,7 +9,7 @@ from typing import Any
 import jax
 
 from ..errors import ConfigError, first_line
-from ..numerics.dispatch import compute_in_calling_thread
+from ..numerics.jax_settings import pin_jax_settings
 
 BACKEND_LOGGER = "jax._src.xla_bridge"  # logs why a plugin of JAX cannot be loaded
 
@@ -19,7 +19,7 @@ def device(config: dict[str, Any]) -> str:
 
     Raises `ConfigError` if there is none of the configuration's platform or JAX chose another.
     """
-    compute_in_calling_thread()
+    pin_jax_settings()
     platform = config["platform"]
     selected = f"JAX_PLATFORMS={os.environ.get('JAX_PLATFORMS', '')}"
     requirement = f"platform={platform}: {_requirement(platform)}; with {selected}"

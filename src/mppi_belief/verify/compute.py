@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import jax
 
-from ..numerics.dispatch import compute_in_calling_thread
+from ..numerics.jax_settings import pin_jax_settings
 from ..results.certificate import Certificate
 
 
@@ -31,7 +31,7 @@ def compute_certificate(config: dict[str, Any], trials: Sequence[int]) -> Certif
     """
     start = time.perf_counter()
     name = config["name"]
-    compute_in_calling_thread()
+    pin_jax_settings()
     with jax.enable_x64(True):
         module = import_module(f"mppi_belief.verify.certificates.{name}")
         certificate = module.certify(config["seed"])

@@ -8,7 +8,7 @@ matches the controls (`conditions.matching_conditions`); Remark 4 requires a dec
 
 import jax
 
-from ..numerics.dispatch import compute_in_calling_thread
+from ..numerics.jax_settings import pin_jax_settings
 from ..problem import Controller, Filter, Problem, WeighsPaths
 from ..results.certificate import Certificate
 from .conditions.affine_conditions import affine_conditions
@@ -42,7 +42,7 @@ def what_holds(
     and the plan is an approximation. `name` is the certificate's name, and its statement says that
     it is about `settings`. Raises `ConfigError` if the trial diverges.
     """
-    compute_in_calling_thread()
+    pin_jax_settings()
     with jax.enable_x64(True):
         path = simulated_path(problem, filter, controller, seed)
         exact = affine_conditions(problem, path)
