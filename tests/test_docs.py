@@ -5,49 +5,22 @@ import shlex
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import NamedTuple
 
 import matplotlib.pyplot as plt
 import pytest
 
 import study_helpers
 from cli_helpers import collect
+from documents import DOCUMENTS, ROOT, code_blocks
 from experiment_helpers import compiled_quickly
 from mppi_belief.results import table
 from mppi_belief.results.certificate import CERTIFICATE_NAMES
 
-ROOT = Path(__file__).resolve().parents[1]
 sys.path.append(str(ROOT / "docs" / "scripts"))
 
-import commands_page  # noqa: E402
+import commands_page
 
-DOCUMENTS = sorted(
-    [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), *(ROOT / "experiments").rglob("*.md")]
-)
 README_LINES = 100
-# A block of code with the comment before it: nothing, `excerpt` (not run), or `file: PATH`.
-CODE_BLOCK = re.compile(
-    r"(?:^<!-- (?P<mark>excerpt|file: \S+) -->\n)?^```python\n(?P<code>.*?)^```$",
-    re.MULTILINE | re.DOTALL,
-)
-
-
-class CodeBlock(NamedTuple):
-    """Represents a block of Python in a document."""
-
-    document: Path
-    line: int  # of the document, from 1
-    mark: str | None
-    code: str
-
-
-def code_blocks(document: Path) -> list[CodeBlock]:
-    """Returns the blocks of Python of a document."""
-    text = document.read_text()
-    return [
-        CodeBlock(document, text.count("\n", 0, match.start()) + 1, match["mark"], match["code"])
-        for match in CODE_BLOCK.finditer(text)
-    ]
 
 
 def name_of(value: object) -> str:
@@ -92,6 +65,13 @@ def test_python_in_documents_runs_in_order(document, tmp_path, monkeypatch):
         elif block.mark != "excerpt":
             assert block.code == (ROOT / block.mark.removeprefix("file: ")).read_text()
     plt.close("all")
+
+
+def test_nobody_is_told_to_install_from_an_index():
+    """Reads documents, messages and settings; the package is on no index, a checkout has it."""
+    sources = [*(ROOT / "src").rglob("*.py"), *(ROOT / "conf").rglob("*.yaml"), *DOCUMENTS]
+    for path in sources:
+        assert not re.search(r"pip install.*mppi-belief|mppi-belief\[", path.read_text()), path
 
 
 def documented_runs() -> list[str]:

@@ -18,7 +18,7 @@ from .slurm_script import job_script
 from .worker import WorkerSetup
 from .workers import Workers, WorkersGone
 
-EXTRA = 'needs pip install "mppi-belief[cluster]"'
+EXTRA = 'needs the extra "cluster": pip install ".[cluster]" in the checkout'
 
 
 def make_workers(

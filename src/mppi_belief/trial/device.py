@@ -55,7 +55,7 @@ def computing(config: dict[str, Any]) -> Iterator[None]:
 def _requirement(platform: str) -> str:
     """Returns what a platform needs."""
     if platform == "gpu":
-        return 'needs an NVIDIA GPU and pip install "mppi-belief[gpu]"'
+        return 'needs an NVIDIA GPU and the extra "gpu": pip install ".[gpu]" in the checkout'
     return "needs JAX_PLATFORMS unset or cpu"
 
 
