@@ -1,6 +1,5 @@
 """Tests what `import mppi_belief` gives, and that its numbers are those of this version."""
 
-import ast
 import importlib
 import inspect
 import pkgutil
@@ -20,7 +19,6 @@ from mppi_belief.trial import build, run_trials
 from mppi_belief.trial_metrics import Metrics
 
 ROOT = Path(__file__).resolve().parents[1]
-CACHE = ROOT / ".mypy_cache"
 
 # cost, running cost, terminal cost, clearance (m), final distance (m), mean effective sample size
 # of trials 0, 1, 2 in double precision. A change of these numbers is a change of the algorithm:
@@ -62,51 +60,6 @@ def test_every_public_name_has_an_example():
     page = (ROOT / "docs" / "api.md").read_text()
     blocks = "".join(re.findall(r"^```python\n(.*?)^```$", page, re.MULTILINE | re.DOTALL))
     assert set(re.findall(r"\bmb\.(\w+)", blocks)) == set(mb.__all__)
-
-
-def test_type_checkers_are_told_the_same_names():
-    """Reads the imports of `__init__.py` that are never executed."""
-    modules = {}
-    for node in ast.walk(ast.parse(inspect.getsource(mb))):
-        if isinstance(node, ast.ImportFrom) and node.level == 1:
-            modules |= {alias.asname: node.module for alias in node.names}
-    assert set(modules) == set(mb.__all__) - {"__version__"}
-    for name, module in modules.items():
-        assert getattr(importlib.import_module(f"mppi_belief.{module}"), name) is getattr(mb, name)
-
-
-USE = """
-import mppi_belief as mb
-
-discs = mb.Obstacles(centers=[[3, 1], [3, -1]], radius=1)
-system = mb.LightDark(process_noise=0.3, light=5, noise_slope=1, noise_floor=0.1)
-cost = mb.GoalObstacleCost([7, 0, 0, 0], [1] * 4, [1] * 4, [1, 1])
-problem = mb.Problem(system, cost, [0] * 4, [1] * 4, dt=0.1, steps=6, obstacles=discs)
-trial = mb.simulate_trial(problem, mb.EKF(), mb.MPPI(), 0, 0)
-reveal_type(trial.states)
-reveal_type(cost.goal)
-mb.Obstacles("here", 1)
-mb.LightDark()
-mb.nobody
-"""
-
-
-def test_type_checkers_see_the_public_types(tmp_path, monkeypatch):
-    """Gives lists and whole numbers, which are accepted, and calls that are not."""
-    api = pytest.importorskip("mypy.api")
-    monkeypatch.chdir(ROOT)  # the configuration's paths are relative
-    program = tmp_path / "program.py"
-    program.write_text(USE)
-    options = ["--config-file", str(ROOT / "pyproject.toml"), "--cache-dir", str(CACHE)]
-    lines = api.run([*options, "--no-error-summary", str(program)])[0].splitlines()
-    reports = [re.sub(r"^.*?:(\d+): ", r"\1 ", line) for line in lines if "program.py" in line]
-    assert [line.split(" ")[0] for line in reports] == ["9", "10", "11", "12", "13"]
-    for line, words in zip(
-        reports,
-        ["Array", "Array", "incompatible type", "Missing positional", "no attribute"],
-        strict=True,
-    ):
-        assert words in line
 
 
 def test_configurations_name_classes_by_their_public_names():

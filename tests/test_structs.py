@@ -18,11 +18,11 @@ from helpers import light_dark_problem
 class Thermostat:
     weights: Array = mb.array(ndim=1, ge=0, le=100)
     shape: Array = mb.array(ndim=(1, 2))
-    gain: float = mb.number(1.0, ge=0)
-    limit: float = mb.number(2.0, gt=0, le=5)
-    offset: float | None = mb.number(None, optional=True)
-    count: int = mb.size(4, ge=2)
-    mode: str = mb.choice("mean", "belief")
+    gain: float = mb.number(default=1.0, ge=0)
+    limit: float = mb.number(default=2.0, gt=0, le=5)
+    offset: float | None = mb.number(default=None, optional=True)
+    count: int = mb.size(default=4, ge=2)
+    mode: str = mb.choice("mean", "belief", default="mean")
 
     def output(self, x: Array) -> Array:
         return self.gain * jnp.sum(jnp.asarray(self.weights) * x) * self.count

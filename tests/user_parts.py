@@ -62,9 +62,9 @@ SPOILS: dict[str, Callable[[Array], Any]] = {
 class Drifting:
     """Represents x' = growth x^3 + (0, u); the member `wrong` is spoilt in the way of `how`."""
 
-    growth: float = number(0.0)
-    wrong: str = choice("nothing", *SPOILABLE)
-    how: str = choice("shape", "raises", *SPOILS)
+    growth: float = number(default=0.0)
+    wrong: str = choice("nothing", *SPOILABLE, default="nothing")
+    how: str = choice("shape", "raises", *SPOILS, default="shape")
 
     def _right(self, name: str, value: Array) -> Any:
         if self.wrong != name:
@@ -94,7 +94,7 @@ class Drifting:
 class Fog:
     """Represents obstacles that are always one metre away, spoilt in the way of `how`."""
 
-    how: str = choice("nothing", "raises", *SPOILS)
+    how: str = choice("nothing", "raises", *SPOILS, default="nothing")
 
     def clearance(self, position: Array) -> Array:
         if self.how == "raises":
@@ -128,7 +128,7 @@ class Mute:
 class Moored(Drifting):
     """Represents a system that has what is given to the problem."""
 
-    noise_convention: str = choice("sample", "intensity")
+    noise_convention: str = choice("sample", "intensity", default="sample")
 
     def position(self, x: Array) -> Array:
         return x[:1]
@@ -183,8 +183,8 @@ class Fixed(Drifting):
 class Price:
     """Represents a cost of two states and one control, spoilt as `Drifting` is."""
 
-    wrong: str = choice("nothing", "R", "goal", "base", "penalty", "terminal")
-    how: str = choice("shape", *SPOILS)
+    wrong: str = choice("nothing", "R", "goal", "base", "penalty", "terminal", default="nothing")
+    how: str = choice("shape", *SPOILS, default="shape")
 
     def _right(self, name: str, value: Array) -> Any:
         return SPOILS[self.how](value) if self.wrong == name else value
@@ -219,8 +219,8 @@ class Blind(Price):
 class Constant:
     """Returns the same control at every step; `wrong` makes it ill-behaved."""
 
-    value: float = number(0.0)
-    wrong: str = choice("nothing", "shape", "info", "raises")
+    value: float = number(default=0.0)
+    wrong: str = choice("nothing", "shape", "info", "raises", default="nothing")
 
     def init(self, problem: mb.Problem) -> Array:
         return jnp.zeros(())

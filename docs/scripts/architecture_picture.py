@@ -38,6 +38,7 @@ NOTES = {
     "obstacles": "shapes",
     "numerics": "array routines",
     "structs": "dataclasses for JAX",
+    "array_fields": "arrays and their ranges",
     "fields": "ranges of values",
     "errors": "one-line errors",
 }
@@ -83,6 +84,7 @@ PLACES = {
     "obstacles": 530,
     "numerics": 210,
     "structs": 530,
+    "array_fields": 530,
     "errors": 1020,
     "fields": 770,
 }

@@ -18,7 +18,7 @@ class Boat:
 
     current: float = mb.number()  # m/s, to the north in mid-stream (east = 0)
     gusts: float = mb.number(ge=0)  # sigma_w, m/s^0.5
-    radar: Array = mb.array(ndim=1)  # its position, m
+    radar: mb.ArrayField = mb.array(ndim=1)  # its position, m
     resolution: float = mb.number(gt=0)  # m, at the radar
     spread: float = mb.number(ge=0)  # m per m of distance
 
@@ -48,7 +48,7 @@ class Crossing:
     a cubature rule.
     """
 
-    goal: Array = mb.array(ndim=1)  # the pier, m
+    goal: mb.ArrayField = mb.array(ndim=1)  # the pier, m
     effort: float = mb.number(gt=0)  # R
     w_obs: float = mb.number(ge=0)
     reach: float = mb.number(gt=0)  # m, of the danger

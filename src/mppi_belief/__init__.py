@@ -14,10 +14,10 @@ They need no Hydra and no command line. docs/api.md has an example of each.
         w_obs=300,
         bump_width=0.26,
     )
-    prior = {"prior_mean": [0.9, 1.9, 0, 0], "prior_std": [0.25, 0.25, 0.05, 0.05]}
-    problem = mb.Problem(system, cost, **prior, dt=0.1, steps=60, obstacles=discs, position=(0, 1))
-    sampler = mb.NominalSampler(control_std=2.75)
-    planner = mb.MPPI(path_cost=mb.RiskSensitive(theta=1), sampler=sampler)
+    mean = [0.9, 1.9, 0, 0]
+    sd = [0.25, 0.25, 0.05, 0.05]
+    problem = mb.Problem(system, cost, mean, sd, dt=0.1, steps=60, obstacles=discs, position=(0, 1))
+    planner = mb.MPPI(path_cost=mb.RiskSensitive(theta=1), sampler=mb.NominalSampler(2.75))
     trial = mb.simulate_trial(problem, mb.EKF(), planner, seed=0, trial=0)
     print(mb.metrics(problem, trial))
 
@@ -101,6 +101,8 @@ if TYPE_CHECKING:  # the same names as below, for type checkers
     from .results.columns import Consistency as Consistency, Metrics as Metrics
     from .simulate import Trial as Trial, plant_step as plant_step, simulate_trial as simulate_trial
     from .structs import (
+        ArrayField as ArrayField,
+        OptionalArrayField as OptionalArrayField,
         array as array,
         choice as choice,
         indices as indices,
@@ -180,7 +182,16 @@ _NAMES = {
     "simulate": ["Trial", "plant_step", "simulate_trial"],
     "results.columns": ["Consistency", "Metrics"],
     "trial_metrics": ["consistency", "metrics"],
-    "structs": ["array", "choice", "indices", "number", "size", "struct"],
+    "structs": [
+        "ArrayField",
+        "OptionalArrayField",
+        "array",
+        "choice",
+        "indices",
+        "number",
+        "size",
+        "struct",
+    ],
 }
 _MODULES: dict[str, str] = {}
 for _module, _names in _NAMES.items():

@@ -4,109 +4,60 @@ Numbers and arrays are data; sizes, indices and choices are metadata.
 
     @struct
     class Thermostat:
-        gain: float = number(1.0, ge=0)            # traced: a sweep over it compiles once
-        weights: Array = array(ndim=1)             # lists become arrays
-        n_samples: int = size(500)                 # static: a new value compiles anew
-        sensors: tuple = indices((0, 1))           # static
-        mode: str = choice("mean", "belief")       # static, first option is the default
+        gain: float = number(default=1.0, ge=0)                    # traced: compiled once
+        weights: ArrayField = array(ndim=1)                        # lists become arrays
+        n_samples: int = size(default=500)                         # static: compiled per value
+        sensors: tuple[int, ...] = indices(default=(0, 1))         # static
+        mode: str = choice("mean", "belief", default="mean")       # static
 
 Values given by a person (Python numbers, lists, NumPy arrays) are converted and checked when the
 object is made; a bad one raises `ValueError` naming the field. Traced values pass unchecked.
+
+A default is named, `default=1.0`, since type checkers see no other. They learn the type of a field
+from its specifier too, so that `gain: str = number()` is an error.
 """
 
 import dataclasses
-from typing import TYPE_CHECKING, Any, TypeVar, dataclass_transform
+from typing import Any, Literal, TypeVar, dataclass_transform, overload
 
 import jax
 import numpy as np
-from jax import Array
-from jax.typing import ArrayLike
 
-from .fields import Choice, Indices, Number, WholeNumber, check_range, checked, ruled, rules
+from .array_fields import ArrayField as ArrayField
+from .array_fields import ArrayOfNumbers
+from .array_fields import OptionalArrayField as OptionalArrayField
+from .fields import Choice, Indices, Number, WholeNumber, checked, ruled, rules
 
 T = TypeVar("T")
 
-ROUNDING = 1e-12  # relative to the largest eigenvalue; smaller ones count as zero
-
 _STRUCTS: set[type] = set()
 
-if TYPE_CHECKING:
-    # The value that a constructor takes is converted, so it has another type than the field.
 
-    class ArrayField:
-        """Describes a field made with `array`: set from numbers in any form, read as an array."""
-
-        def __get__(self, instance: object, owner: Any = None) -> Array: ...
-
-        def __set__(
-            self, instance: object, value: ArrayLike | list[Any] | tuple[Any, ...]
-        ) -> None: ...
-
-    class OptionalArrayField:
-        """Describes an optional field made with `array`."""
-
-        def __get__(self, instance: object, owner: Any = None) -> Array | None: ...
-
-        def __set__(
-            self, instance: object, value: ArrayLike | list[Any] | tuple[Any, ...] | None
-        ) -> None: ...
-else:
-    ArrayField = Array
-    OptionalArrayField = Array | None
+@overload
+def number(
+    *,
+    default: float = ...,
+    ge: float | None = None,
+    gt: float | None = None,
+    le: float | None = None,
+    optional: Literal[False] = False,
+) -> float: ...
 
 
-@dataclasses.dataclass(frozen=True)
-class ArrayOfNumbers:
-    """Accepts an array of finite numbers, and None where it is optional.
-
-    Bounds are for every entry; for a weight that may be a diagonal or a matrix, `ndim=(1, 2)`, they
-    are for the eigenvalues of the matrix, which must then be symmetric.
-    """
-
-    ndim: tuple[int, ...]  # the numbers of dimensions that are allowed
-    ge: float | None = None  # at least
-    gt: float | None = None  # greater than
-    le: float | None = None  # at most
-    optional: bool = False  # whether None is allowed
-
-    def check(self, value: Any) -> np.ndarray | None:
-        """Returns the value as an array of floats."""
-        if value is None and self.optional:
-            return None
-        try:
-            result = np.asarray(value, dtype=float)
-        except (TypeError, ValueError):
-            raise ValueError(f"must be an array of numbers, got {value!r}") from None
-        if result.size == 0 and 2 in self.ndim:
-            # An empty list has lost its second dimension.
-            result = result.reshape(0, result.shape[-1])
-        if result.ndim not in self.ndim:
-            allowed = " or ".join(str(n) for n in self.ndim)
-            raise ValueError(f"must have {allowed} dimension(s), got {result.ndim}")
-        if not np.all(np.isfinite(result)):
-            raise ValueError("must be finite everywhere")
-        self._check_bounds(result)
-        return result
-
-    def _check_bounds(self, value: np.ndarray) -> None:
-        """Raises `ValueError` if an entry or an eigenvalue of a weight is out of bounds."""
-        where = "everywhere"
-        if self.ndim == (1, 2) and value.ndim == 2:
-            if value.shape[0] != value.shape[1] or not np.allclose(value, value.T):
-                raise ValueError("must be a diagonal or a symmetric matrix")
-            where = "in every eigenvalue"
-            value = np.linalg.eigvalsh(value)
-            value = np.where(
-                np.abs(value) < ROUNDING * np.max(np.abs(value), initial=0), 0.0, value
-            )
-        if value.size:
-            check_range(np.min(value), self, where)
-            check_range(np.max(value), self, where)
+@overload
+def number(
+    *,
+    default: float | None = ...,
+    ge: float | None = None,
+    gt: float | None = None,
+    le: float | None = None,
+    optional: Literal[True],
+) -> float | None: ...
 
 
 def number(
-    default: Any = dataclasses.MISSING,
     *,
+    default: Any = dataclasses.MISSING,
     ge: float | None = None,
     gt: float | None = None,
     le: float | None = None,
@@ -117,8 +68,8 @@ def number(
 
 
 def array(
-    default: Any = dataclasses.MISSING,
     *,
+    default: Any = dataclasses.MISSING,
     ndim: int | tuple[int, ...],
     ge: float | None = None,
     gt: float | None = None,
@@ -134,22 +85,33 @@ def array(
     return ruled(ArrayOfNumbers(allowed, ge, gt, le, optional), default)
 
 
-def size(default: Any = dataclasses.MISSING, *, ge: int = 1) -> Any:
+def size(*, default: Any = dataclasses.MISSING, ge: int = 1) -> int:
     """Declares a static whole number."""
-    return ruled(WholeNumber(ge), default)
+    field: Any = ruled(WholeNumber(ge), default)
+    return field
 
 
-def indices(default: Any = dataclasses.MISSING, *, optional: bool = False) -> Any:
+@overload
+def indices(
+    *, default: tuple[int, ...] = ..., optional: Literal[False] = False
+) -> tuple[int, ...]: ...
+
+
+@overload
+def indices(
+    *, default: tuple[int, ...] | None = ..., optional: Literal[True]
+) -> tuple[int, ...] | None: ...
+
+
+def indices(*, default: Any = dataclasses.MISSING, optional: bool = False) -> Any:
     """Declares a static tuple of distinct whole numbers from 0; `optional` also allows None."""
     return ruled(Indices(optional), default)
 
 
-def choice(*options: Any, default: Any = dataclasses.MISSING) -> Any:
-    """Declares a static value out of `options`; the first is the default unless another is named.
-
-    Type checkers see a default only where it is named.
-    """
-    return ruled(Choice(options), options[0] if default is dataclasses.MISSING else default)
+def choice(*options: T, default: Any = dataclasses.MISSING) -> T:
+    """Declares a static value out of `options`."""
+    field: Any = ruled(Choice(options), default)
+    return field
 
 
 @dataclass_transform(

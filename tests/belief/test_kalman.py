@@ -25,7 +25,7 @@ PRECISIONS = {"float32": (nullcontext, np.float32), "float64": (float64, np.floa
 class Pendulum:
     """Has an angle and a rate, a torque through a turning lever, and nonlinear measurements."""
 
-    damping: float = mb.number(0.3)
+    damping: float = mb.number(default=0.3)
 
     @property
     def H(self) -> Array:

@@ -263,7 +263,7 @@ class Info(NamedTuple):
 
 @mb.struct
 class Proportional:
-    gain: float = mb.number(1.0, ge=0)
+    gain: float = mb.number(default=1.0, ge=0)
 
     def init(self, problem):
         return jnp.zeros(())

@@ -113,7 +113,7 @@ def test_filters_agree_on_the_innovations_of_a_sensor_that_follows_the_belief(x6
 class Compass:
     """Turns on the spot and reads its heading modulo a turn, in (-pi, pi]."""
 
-    heading_error: float = mb.number(0.05, gt=0)  # rad
+    heading_error: float = mb.number(default=0.05, gt=0)  # rad
 
     @property
     def H(self) -> Array:

@@ -29,12 +29,12 @@ def quick() -> Iterator[None]:
 class Nonlinear:
     """Implements a scalar system; x^2 is added to its functions with these weights."""
 
-    f2: float = mb.number(0.0)
-    G2: float = mb.number(0.0)
-    c1: float = mb.number(1.0)
-    c2: float = mb.number(0.0)
-    sigma0: float = mb.number(0.5)
-    sigma2: float = mb.number(0.0)
+    f2: float = mb.number(default=0.0)
+    G2: float = mb.number(default=0.0)
+    c1: float = mb.number(default=1.0)
+    c2: float = mb.number(default=0.0)
+    sigma0: float = mb.number(default=0.5)
+    sigma2: float = mb.number(default=0.0)
 
     @property
     def H(self) -> Array:

@@ -27,9 +27,9 @@ from ..structs import choice, number, size, struct
 class ParticleFilter:
     """Moves K particles by the dynamics and weighs them by the measurements."""
 
-    n_particles: int = size(50)  # K
-    resample_below: float = number(0.5, ge=0, le=1)  # part of K, the least effective sample size
-    noise_at: str = choice("particle", "mean")  # where R_s is taken
+    n_particles: int = size(default=50)  # K
+    resample_below: float = number(default=0.5, ge=0, le=1)  # of K: the least effective size
+    noise_at: str = choice("particle", "mean", default="particle")  # where R_s is taken
 
     def init(self, problem: Problem, key: Array) -> ParticleBelief:
         """Draws the particles from the prior, with equal weights."""

@@ -34,8 +34,8 @@ def wait(nap: float, fate: str, now: bool) -> np.float32:
 class Patient:
     """u = -mean / 2, after a nap."""
 
-    nap: float = mb.number(0.03, ge=0)
-    fate: str = mb.choice("nothing", "kills", "hangs")
+    nap: float = mb.number(default=0.03, ge=0)
+    fate: str = mb.choice("nothing", "kills", "hangs", default="nothing")
 
     def init(self, problem: mb.Problem) -> tuple[()]:
         return ()

@@ -39,9 +39,16 @@ class Unlucky:
     """u = -mean / 2, until the first step of one trial of seed 0."""
 
     fate: str = mb.choice(
-        "nothing", "raises", "kills", "hangs", "holds", "becomes_nan", "becomes_inf"
+        "nothing",
+        "raises",
+        "kills",
+        "hangs",
+        "holds",
+        "becomes_nan",
+        "becomes_inf",
+        default="nothing",
     )
-    trial: int = mb.size(3, ge=0)
+    trial: int = mb.size(default=3, ge=0)
 
     def init(self, problem: mb.Problem) -> tuple[()]:
         return ()
