@@ -347,20 +347,23 @@ def test_costs_may_be_charged_at_the_start_of_a_step(x64, rng):
     means = rng.normal(size=(1, 2, 4, 3))
     covs = jnp.stack([covs_of(belief), 2 * covs_of(belief)])
     at_start = mb.RiskSensitive(THETA, at_step_end=False)
+    in_the_middle_too = replace(at_start, points_per_step=2)
 
     @quick_jit
-    def state_costs(problem: mb.Problem, means: Array, covs: Array) -> Array:
+    def state_costs(problem: mb.Problem, path_cost: mb.RiskSensitive) -> Array:
         schedules = GainSchedule(means, jnp.swapaxes(covs, 0, 1), means, means)
         controls = jnp.zeros((1, 2))
-        return MixturePlan(problem, at_start, belief, schedules, controls, "filter").state_costs(
-            means
-        )
+        plan = MixturePlan(problem, path_cost, belief, schedules, controls, "filter")
+        return plan.state_costs(jnp.asarray(means))
 
-    computed = state_costs(problem, means, covs)
+    computed = state_costs(problem, at_start)
+    averaged = state_costs(problem, in_the_middle_too)
     first = 0.1 * charged(problem, belief.means, covs[0])
     for i in range(3):
         last = mixture_terminal(problem, WEIGHTS, jnp.asarray(means[0, :, :, i]), covs[1])
         np.testing.assert_allclose(computed[i], first + last, rtol=1e-10)
+        middle = 0.1 * charged(problem, (belief.means + means[0, :, :, i]) / 2, 1.5 * covs[0])
+        np.testing.assert_allclose(averaged[i], (first + middle) / 2 + last, rtol=1e-10)
 
 
 @pytest.mark.parametrize(

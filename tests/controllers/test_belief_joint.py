@@ -43,8 +43,8 @@ def state_costs(problem: mb.Problem, controls: Array) -> tuple[Array, Array]:
 def test_where_the_sensor_is_the_same_everywhere_it_is_mppi_belief(x64):
     """The covariance of a linear system then depends on no path."""
     blind = light_dark_problem(system={"noise_slope": 0})
-    for at_step_end in (True, False):
-        path_cost = mb.RiskSensitive(THETA, at_step_end=at_step_end)
+    for at_step_end, points in ((True, 1), (False, 1), (True, 3), (False, 2)):
+        path_cost = mb.RiskSensitive(THETA, at_step_end=at_step_end, points_per_step=points)
         own, shared = (act(blind, replace(c, path_cost=path_cost)) for c in (SMALL, SHARED))
         for a, b in zip(jax.tree.leaves(own), jax.tree.leaves(shared), strict=True):
             np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-9)

@@ -98,6 +98,26 @@ def test_diagnostics(light_dark, x64, rng):
         np.testing.assert_allclose(info.nominal_cost, total, rtol=1e-12)
 
 
+def test_a_penalty_between_two_states_is_charged_where_a_step_has_more_points(x64):
+    """Moves at 8 m/s over a bump that is much narrower than a step of 0.8 m."""
+    problem = light_dark_problem(
+        cost={"bump_width": 0.05, "w_obs": 1e3},
+        obstacles=mb.Obstacles([[0.4, 0.0]], 0.05),
+        prior_mean=[0.0, 0.0, 8.0, 0.0],
+    )
+    free = replace(problem, obstacles=None)
+
+    def penalty(points: int) -> float:
+        path_cost = mb.CertaintyEquivalent(points_per_step=points)
+        planner = replace(SMALL, path_cost=path_cost)
+        costs = [act(planner, each, np.zeros((6, 2)))[2].nominal_cost for each in (problem, free)]
+        return float(costs[0] - costs[1])
+
+    # The time within the bump, sqrt(2 pi) width / speed, times its height.
+    assert penalty(1) == pytest.approx(0, abs=1e-9)
+    assert penalty(64) == pytest.approx(1e3 * np.sqrt(2 * np.pi) * 0.05 / 8, rel=1e-6)
+
+
 def test_the_plan_is_the_improved_nominal_moved_up_by_one_step(light_dark, x64, rng):
     nominal = rng.normal(size=(6, 2))
     u, plan, info = act(replace(SMALL, temperature=1e12), light_dark, nominal)
@@ -217,6 +237,7 @@ def test_the_same_key_gives_the_same_control_and_another_one_another(light_dark,
         (mb.RiskSensitive, "expectation", "median"),
         (mb.RiskSensitive, "at_step_end", "middle"),
         (mb.CertaintyEquivalent, "at_step_end", "middle"),
+        (mb.CertaintyEquivalent, "points_per_step", 0),
         (mb.SharedCovariance, "method", "none"),
         (mb.SharedCovariance, "components", "none"),
     ],

@@ -32,11 +32,12 @@ def rate(problem: mb.Problem, x: jax.Array) -> jax.Array:
     return problem.cost.base(x) + problem.penalty(x)
 
 
-@pytest.mark.parametrize("combine", ["average", "pooled"])
-def test_one_certain_particle_gives_the_control_of_ce_mppi(combine, light_dark, x64):
+@pytest.mark.parametrize(("combine", "points"), [("average", 1), ("pooled", 1), ("pooled", 3)])
+def test_one_certain_particle_gives_the_control_of_ce_mppi(combine, points, light_dark, x64):
     state = [2.0, 0.5, 1.0, -0.2]
-    pipf = mb.PIPF(n_samples=64, combination=COMBINATIONS[combine], **SHARED)
-    ce = mb.MPPI(n_samples=64, path_cost=mb.CertaintyEquivalent(), **SHARED)
+    shared = SHARED | {"path_cost": mb.CertaintyEquivalent(points_per_step=points)}
+    pipf = mb.PIPF(n_samples=64, combination=COMBINATIONS[combine], **shared)
+    ce = mb.MPPI(n_samples=64, **shared)
     belief = mb.Belief(jnp.asarray(state), jnp.zeros((4, 4)))
     np.testing.assert_allclose(
         act(light_dark, pipf, particles(state)), act(light_dark, ce, belief), rtol=1e-12

@@ -66,8 +66,8 @@ def test_rollouts_equal_a_loop(disturbed, together, x64, rng):
             np.testing.assert_allclose(computed[k, :, i], mu, atol=1e-12)
 
 
-@pytest.mark.parametrize("at_step_end", [False, True])
-def test_accumulated_costs_equal_a_loop(at_step_end, x64, rng):
+@pytest.mark.parametrize("charged", [(0.0,), (1.0,), (0.25, 0.5, 0.75, 1.0), (0.0, 0.5)])
+def test_accumulated_costs_equal_a_loop(charged, x64, rng):
     problem = light_dark_problem()
     H = 4
     N = 3
@@ -82,14 +82,16 @@ def test_accumulated_costs_equal_a_loop(at_step_end, x64, rng):
         return 3 * mu[1] + cov[2, 2]
 
     computed = pi.accumulated_costs(
-        problem, jnp.asarray(start), means, covs, at_step_end, running, terminal
+        problem, jnp.asarray(start), means, covs, charged, running, terminal
     )
     for i in range(N):
         path = [start, *means[:, :, i]]
-        first = 1 if at_step_end else 0
-        total = sum(running(path[k], covs[k]) * DT for k in range(first, H + first)) + terminal(
-            path[-1], covs[-1]
-        )
+        total = terminal(path[-1], covs[-1])
+        for k in range(H):
+            for part in charged:
+                mean = path[k] + part * (path[k + 1] - path[k])
+                cov = covs[k] + part * (covs[k + 1] - covs[k])
+                total += running(mean, cov) * DT / len(charged)
         np.testing.assert_allclose(computed[i], total, rtol=1e-12)
 
 
@@ -204,7 +206,7 @@ def costs_of_means(problem: mb.Problem, start: Array, means: Array) -> Array:
         return cost.terminal(mu)
 
     return pi.accumulated_costs(
-        problem, start, means, jnp.zeros((len(means) + 1, 1, 1)), False, running, terminal
+        problem, start, means, jnp.zeros((len(means) + 1, 1, 1)), (0.0,), running, terminal
     )
 
 

@@ -230,7 +230,7 @@ MUTATIONS = {
     "charge": (
         shared,
         "accumulated_costs",
-        lambda p, m, s, covs, at_step_end, *costs: COSTS(p, m, s, covs, True, *costs),
+        lambda p, m, s, covs, charged, *costs: COSTS(p, m, s, covs, (1.0,), *costs),
     ),
     "Sigma_k": (
         shared,

@@ -23,7 +23,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from ..belief.particles import ParticleBelief
-from ..planning.parts import PathCost
+from ..planning.parts import PathCost, charged_parts
 from ..planning.path_costs import CertaintyEquivalent
 from ..planning.path_integral import accumulated_costs, rollouts
 from ..planning.path_weights import CostedPaths, effective_sample_size, improve, weights
@@ -142,7 +142,7 @@ class PIPF:
             starts,
             states,
             certain,
-            self.path_cost.at_step_end,
+            charged_parts(self.path_cost),
             lambda x, cov: self.path_cost.running(problem, x, cov),
             lambda x, cov: self.path_cost.terminal(problem, x, cov),
         )

@@ -35,6 +35,19 @@ class PathCost(Protocol):
 
 
 @runtime_checkable
+class ChargesBetweenStates(PathCost, Protocol):
+    """Adds to a path cost that a step may be charged between its two states, too.
+
+    A step then costs the mean over m equally spaced points of the straight line between its planned
+    beliefs, the last (or the first) of them being the state that is charged otherwise.
+    """
+
+    @property
+    def points_per_step(self) -> int:
+        """Returns m; a path cost without it charges one state per step."""
+
+
+@runtime_checkable
 class MixturePathCost(PathCost, Protocol):
     """Says what a planned mixture of Gaussians costs, too.
 
@@ -48,6 +61,13 @@ class MixturePathCost(PathCost, Protocol):
         self, problem: Problem, weights: Array, means: Array, covs: Array
     ) -> Array:
         """Returns the cost () of the mixture at the end of the horizon."""
+
+
+def charged_parts(path_cost: PathCost) -> tuple[float, ...]:
+    """Returns the parts of a step at which it is charged: (1,) for its end, (0,) for its start."""
+    m = path_cost.points_per_step if isinstance(path_cost, ChargesBetweenStates) else 1
+    first = 1 if path_cost.at_step_end else 0
+    return tuple((first + j) / m for j in range(m))
 
 
 class DrawnPaths(NamedTuple):

@@ -126,6 +126,11 @@ def rollouts(
     return jax.lax.scan(advance, start, (controls, disturbance))[1]
 
 
+def interpolated(start: Array, end: Array, part: float) -> Array:
+    """Returns the array at a part (0 to 1) of the straight line between two arrays."""
+    return start if part == 0 else (1 - part) * start + part * end
+
+
 def _one_per_path(mean: Array, n_samples: int) -> Array:
     """Returns means (nx, N) for one mean (nx,), or the means that are given."""
     return mean if mean.ndim > 1 else jnp.broadcast_to(mean[:, None], (len(mean), n_samples))
@@ -136,30 +141,40 @@ def accumulated_costs(
     mean: Array,
     means: Array,
     covs: Array,
-    at_step_end: bool,
+    charged: tuple[float, ...],
     running: Callable[[Array, Array], Array],
     terminal: Callable[[Array, Array], Array],
 ) -> Array:
     """Returns sum_k q dt + phi (N,) of paths along planned covariances.
+
+    Between two states means and covariances are interpolated linearly.
 
     Args:
         problem: the problem, for its time step
         mean: (nx,) where all paths start, or (nx, N)
         means: (H, nx, N) means at t_1..t_H
         covs: (H+1, nx, nx) covariances at t_0..t_H
-        at_step_end: whether q of step k is taken at t_{k+1}, where the control has led to, or else
-            at t_k as in Algorithm 1 as printed
+        charged: the parts of a step at which q is taken and averaged: (1,) takes it at t_{k+1},
+            where the control has led to, (0,) at t_k as in Algorithm 1 as printed
         running: maps one mean (nx,) and covariance (nx, nx) to a cost per second ()
         terminal: maps the same to a cost ()
     """
-    if at_step_end:
-        charged_means = means
-        charged_covs = covs[1:]
-    else:
-        first = _one_per_path(mean, means.shape[-1])[None]
-        charged_means = jnp.concatenate([first, means[:-1]])
-        charged_covs = covs[:-1]
     over_paths = jax.vmap(running, in_axes=(-1, None), out_axes=-1)
-    rates = jax.vmap(over_paths)(charged_means, charged_covs)
+
+    def rates_at(part: float) -> Array:
+        """Returns q (H, N) at one part of every step."""
+        if part == 1:
+            return jax.vmap(over_paths)(means, covs[1:])
+        first = _one_per_path(mean, means.shape[-1])[None]
+        before = jnp.concatenate([first, means[:-1]])
+        return jax.vmap(over_paths)(
+            interpolated(before, means, part), interpolated(covs[:-1], covs[1:], part)
+        )
+
+    rates = rates_at(charged[0])
+    for part in charged[1:]:
+        rates = rates + rates_at(part)
+    if len(charged) > 1:
+        rates = rates / len(charged)
     last = jax.vmap(terminal, in_axes=(-1, None), out_axes=-1)(means[-1], covs[-1])
     return jnp.full(len(rates), problem.dt) @ rates + last

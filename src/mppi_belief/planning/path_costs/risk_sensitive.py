@@ -12,7 +12,7 @@ from ...belief.cost import (
     risk_sensitive,
 )
 from ...problem import Problem
-from ...structs import choice, number, struct
+from ...structs import choice, number, size, struct
 
 
 @struct
@@ -25,12 +25,14 @@ class RiskSensitive:
         expectation: of the penalty: "exact" (3), or its value "at_mean", with which theta = 0 is
             certainty equivalence
         at_step_end: charge step k for the belief at t_{k+1}, or else for that at t_k
+        points_per_step: of the line from belief k to belief k + 1 at which a step is charged
     """
 
     theta: float = number(default=0.0, ge=0)
     variance_of: str = choice("penalty", "total", default="penalty")
     expectation: str = choice("exact", "at_mean", default="exact")
     at_step_end: bool = choice(True, False, default=True)
+    points_per_step: int = size(default=1)
 
     def running(self, problem: Problem, mean: Array, cov: Array) -> Array:
         """Returns q_RS () for a mean (nx,) and a covariance (nx, nx)."""

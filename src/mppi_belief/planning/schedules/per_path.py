@@ -21,7 +21,8 @@ from ...belief.schedule import gain_schedule
 from ...numerics.scalarized import vmap_scalarized
 from ...problem import Problem
 from ...structs import struct
-from ..parts import PathCost
+from ..parts import PathCost, charged_parts
+from ..path_integral import interpolated
 from .shared import GaussianPlan
 
 
@@ -79,14 +80,27 @@ class PerPathPlan:
         charge_end = vmap_scalarized(
             lambda mean, root: path_cost.terminal(problem, mean, covariance(root)), (True, True)
         )
+        charged = charged_parts(path_cost)
         Carry = tuple[Array, Array, Array]
+
+        def rate_of_step(before: tuple[Array, Array], after: tuple[Array, Array]) -> Array:
+            """Returns q (N,) of a step, averaged over the parts of it that are charged."""
+            rates = []
+            for part in charged:
+                if part in (0, 1):
+                    mean, root = after if part else before
+                    rates.append(charge(mean, jax.lax.optimization_barrier(spread(root))))
+                    continue
+                cov = interpolated(spread(before[1]), spread(after[1]), part)
+                mean = interpolated(before[0], after[0], part)
+                rates.append(charge(mean, jax.lax.optimization_barrier(cov)))
+            return sum(rates[1:], rates[0]) / len(rates) if len(rates) > 1 else rates[0]
 
         def advance(carry: Carry, u: Array) -> tuple[Carry, Array]:
             mean, root, total = carry
             # The barriers keep XLA from computing the filter anew for every term of the cost.
             after = jax.lax.optimization_barrier(step(mean, root, u))
-            charged = after if path_cost.at_step_end else (mean, root)
-            rate = charge(charged[0], jax.lax.optimization_barrier(spread(charged[1])))
+            rate = rate_of_step((mean, root), after)
             return (*after, total + rate * problem.dt), after[0]
 
         # Every path starts from the same belief.

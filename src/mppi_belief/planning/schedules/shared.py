@@ -18,7 +18,7 @@ from ...belief.gaussian import MixtureBelief, RootBelief, mixture_covariance
 from ...belief.schedule import GainSchedule, gain_schedule
 from ...problem import Problem
 from ...structs import choice, struct
-from ..parts import MixturePathCost, PathCost
+from ..parts import MixturePathCost, PathCost, charged_parts
 from ..path_integral import accumulated_costs, rollouts
 
 
@@ -85,7 +85,7 @@ class GaussianPlan:
             self.mean,
             means,
             self.schedule.cov,
-            self.path_cost.at_step_end,
+            charged_parts(self.path_cost),
             lambda mu, cov: self.path_cost.running(self.problem, mu, cov),
             lambda mu, cov: self.path_cost.terminal(self.problem, mu, cov),
         )
@@ -145,7 +145,7 @@ class MixturePlan:
             starts,
             means,
             self.covs,
-            self.path_cost.at_step_end,
+            charged_parts(self.path_cost),
             lambda mus, covs: self.path_cost.mixture_running(self.problem, weights, mus, covs),
             lambda mus, covs: self.path_cost.mixture_terminal(self.problem, weights, mus, covs),
         )

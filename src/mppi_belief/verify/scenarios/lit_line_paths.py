@@ -68,7 +68,7 @@ def _sampled_paths(
         mean,
         means,
         plan.cov,
-        True,
+        (1.0,),
         lambda mu, cov: risk_sensitive(problem, mu, cov, LIT_THETA),
         lambda mu, cov: expected_terminal(problem, mu, cov),
     )

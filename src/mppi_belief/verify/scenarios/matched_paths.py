@@ -36,7 +36,7 @@ def sampled_costs(
         mean,
         means,
         schedule.cov[: H + 1],
-        False,
+        (0.0,),
         lambda mu, cov: total_risk(problem, theta, mu, cov),
         lambda mu, cov: expected_terminal(problem, mu, cov),
     )
