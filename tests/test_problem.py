@@ -151,6 +151,7 @@ def test_the_scene_of_a_picture_is_that_of_the_position():
     assert reordered.pop("position") == [2, 3]
     noise = scene.pop("noise")
     np.testing.assert_allclose(reordered.pop("noise")["level"], noise["level"], rtol=1e-6)
+    assert scene.pop("labels") == ["$p_x$ (m)", "$p_y$ (m)"]
     assert scene == reordered
     assert scene["obstacles"] == CENTERS
 

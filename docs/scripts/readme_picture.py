@@ -2,7 +2,6 @@
 
 from pathlib import Path
 
-from mppi_belief.cli.overview import overview_panel
 from mppi_belief.config.cell import Cell
 from mppi_belief.config.compose import collect
 from mppi_belief.config.request import Request
@@ -18,11 +17,15 @@ def main() -> None:
     cells = []
     for config in collect(Request(("experiment=table_1", "controller=belief,ce"))):
         results = read_cell_results(Cell(config), Path(config["results_dir"]), config["n_trials"])
-        panel = overview_panel(results)
+        panel = figures.kept_panel(results, results.name)
         if panel is None:
             raise SystemExit("no results: mppi-belief run experiment=table_1 controller=belief,ce")
         rate = 100 * results.collided.mean()
-        title = f"{results.name}: {rate:.1f} % of {len(results.good)} trials collide"
+        n_drawn = panel.paths["trial"].nunique()
+        title = (
+            f"{results.name}: {rate:.1f} % of {len(results.good)} trials collide;\n"
+            f"the first {n_drawn} are drawn"
+        )
         panels.append(panel._replace(title=title))
         cells.append(results)
     FOLDER.mkdir(parents=True, exist_ok=True)

@@ -43,7 +43,7 @@ class Belief(NamedTuple):
 class System(Protocol):
     """Represents control-affine dynamics (1a) and measurement (1b).
 
-    Optional abilities: `WrappedMeasurements` and `SteerableSensor`.
+    Optional abilities: `WrappedMeasurements`, `SteerableSensor` and `LabelledSystem`.
     """
 
     @property
@@ -84,6 +84,26 @@ class SteerableSensor(Protocol):
         The choice may depend on nothing else but the problem, since filter, plant and planner each
         make it. With `sampled` the belief is the predicted one, before a measurement every dt;
         otherwise it is that of (8) at t.
+        """
+
+
+@runtime_checkable
+class LabelledSystem(Protocol):
+    """Adds to a system the texts of its pictures. Either may be absent.
+
+    Without labels the axes of a picture are named x and y; without units the shading by sigma_o has
+    none, and is the root mean square over all measurements.
+    """
+
+    @property
+    def state_labels(self) -> tuple[str, ...]:
+        """Returns a label (nx,) per component of the state with its unit, such as "east (m)"."""
+
+    @property
+    def measurement_units(self) -> tuple[str, ...]:
+        """Returns the unit (ny,) of each measurement.
+
+        Where they differ, pictures show sigma_o of the measurements in the unit of the first.
         """
 
 

@@ -142,7 +142,7 @@ def paths(trials: int, nx: int) -> list[dict[str, Any]]:
 
 
 def plane(obstacles: list[list[float]]) -> dict[str, Any]:
-    noise = {"x": [0.0, 5.0, 9.0], "y": [-1.0, 1.0], "level": [[0.3, 0.1, 0.2], [0.3, 0.1, 0.2]]}
+    noise = {"x": [-9.0, 5.0, 15.0], "y": [-9.0, 15.0], "level": [[0.3, 0.1, 0.2]] * 2}
     return {
         "dt": 0.1,
         "start": [1, 1],
@@ -196,7 +196,7 @@ def test_a_picture_shows_every_path_and_says_which_collide():
     np.testing.assert_allclose(
         true_paths[2].get_xydata(), np.repeat(2 + 0.1 * np.arange(4)[:, None], 2, axis=1)
     )
-    assert legend(figure) == ["start", "goal", "2 paths", "1 that collide"]
+    assert legend(figure) == ["start", "goal", "2 paths", "1 that collides"]
     low, high = axes.get_xlim()
     bottom, top = axes.get_ylim()
     assert low < 1 < 7 < high

@@ -23,6 +23,7 @@ from pathlib import Path
 from typing import Any
 
 from .. import __version__
+from ..config.environment import prepare_drawing
 from ..errors import ConfigError, plain_line
 from ..run.signals import ended_by_signals, held
 from ..run.workers import WorkersGone
@@ -43,6 +44,7 @@ def main() -> int:
     args = sys.argv[1:]
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="replace")  # Greek letters on a terminal that has none
+    prepare_drawing()
     if any(arg in COMPLETION for arg in args):
         from .completion import answer_completion
 

@@ -3,12 +3,13 @@
 import shlex
 import sys
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 from ..config.cell import Cell
 from ..errors import counted
-from ..report import figures
 from ..report.cell_results import CellResults, read_cell_results
+from ..report.drawing import drawn
 from ..report.summary import aligned_text, label_text, summary_text
 from ..run.task import StudyOutcome
 from .results_request import default_root
@@ -35,15 +36,12 @@ def show_overview(
     stored = sum(outcome.done_before.values())
     print(f"{counted(ran, 'trial')} run, {stored} already done; results in {root}")
 
-    pictures = []
-    for cell in results:
-        picture = _save_trajectories(root / cell.id, cell, redraw=outcome.ran[cell.id] > 0)
-        if picture is not None:
-            pictures.append(picture)
+    sys.stdout.flush()
+    pictures = _save_pictures(results, root, outcome)
     if len(pictures) == 1:
         print(f"picture: {pictures[0]}")
     elif pictures:
-        print(f"pictures: {root / '*' / figures.TRAJECTORIES_PNG}")
+        print(f"pictures: {root / '*' / pictures[0].name}")
     if results:
         trial = results[0].rows["trial"].min()
         print(f"one trial again: {replay_command(results[0].id, trial, root, config_dirs)}")
@@ -75,10 +73,32 @@ def _print_failures(cell: CellResults, root: Path, config_dirs: Sequence[str]) -
     return len(failed)
 
 
-def _save_trajectories(folder: Path, cell: CellResults, *, redraw: bool) -> Path | None:
+def _save_pictures(results: Sequence[CellResults], root: Path, outcome: StudyOutcome) -> list[Path]:
+    """Draws the kept trials of each cell; returns the pictures that there are.
+
+    A picture stays as it is if no trial of its cell was run. Where none can be drawn, one line on
+    stderr says why.
+    """
+    pictures = []
+    for cell in results:
+        redraw = outcome.ran[cell.id] > 0
+        picture = drawn(f"of {cell.id}", partial(_save_trajectories, root / cell.id, cell, redraw))
+        for part, reason in ((cell.scene or {}).get("left_out") or {}).items():
+            if redraw:
+                print(f"{cell.id}: no {part} in the picture ({reason})", file=sys.stderr)
+        if picture is not None:
+            pictures.append(picture)
+    return pictures
+
+
+def _save_trajectories(folder: Path, cell: CellResults, redraw: bool) -> Path | None:
     """Draws the kept trials unless there is a picture and no `redraw`; None without any."""
-    panel = overview_panel(cell)
+    from ..report import figures  # imports Matplotlib, without which there is still a table
+
+    panel = figures.kept_panel(cell, cell_title(cell))
     if panel is None:
+        if not cell.paths.empty:
+            print(f"{cell.id}: no picture, since all kept trials failed", file=sys.stderr)
         return None
     picture = folder / figures.TRAJECTORIES_PNG
     if redraw or not picture.exists():
@@ -86,12 +106,7 @@ def _save_trajectories(folder: Path, cell: CellResults, *, redraw: bool) -> Path
     return picture
 
 
-def overview_panel(cell: CellResults) -> figures.PathPanel | None:
-    """Returns a panel of all kept trials, titled with the labels of the cell; None without any."""
-    if cell.paths.empty or cell.scene is None:
-        return None
-    rows = cell.rows
-    collided = set(rows.loc[rows["collided"].fillna(False).astype(bool), "trial"])
+def cell_title(cell: CellResults) -> str:
+    """Returns the labels of a cell as the title of its picture."""
     labels = [f"{name} {value}" for name, value in cell.labels.items() if label_text(value) != "-"]
-    drawn_trials = set(cell.paths["trial"])
-    return figures.PathPanel(cell.paths, cell.scene, collided & drawn_trials, ", ".join(labels))
+    return ", ".join(labels)

@@ -14,6 +14,7 @@ from ..config import environment
 from ..config.cell import ALGORITHM_VERSION, IDENTITY, labels
 from ..config.targets import allow, fingerprints
 from ..errors import ConfigError, counted
+from ..report.drawing import drawn
 from ..results.contents import CellContents, belongs, path_of, read_cell
 from ..results.folder import choose_cell
 from ..results.provenance import provenance
@@ -146,7 +147,7 @@ def _run_and_compare(stored: StoredTrial, source_now: dict[str, Any]) -> int:
     verdict = "NOT reproduced" if deviations else "reproduced bit for bit"
     print(f"{verdict}: {len(row)} values of its row, {steps}")
     sys.stdout.flush()
-    _draw(stored, batch)
+    drawn(f"of trial {stored.trial}", lambda: _draw(stored, batch))
     return exit_codes.INCOMPLETE if deviations else exit_codes.DONE
 
 
@@ -163,7 +164,7 @@ def _difference_line(difference: Any, precision: str) -> str:
 
 
 def _draw(stored: StoredTrial, batch: Any) -> None:
-    """Draws the trial as it ran now into the folder of its cell. Raises OSError."""
+    """Draws the trial as it ran now into the folder of its cell."""
     import pandas as pd
 
     from ..report import figures

@@ -137,6 +137,15 @@ def set_matplotlib_folder() -> None:
         os.environ["MPLCONFIGDIR"] = str(folder / "matplotlib")
 
 
+def prepare_drawing() -> None:
+    """Lets Matplotlib draw as this package asks, whatever backend and matplotlibrc a user has.
+
+    It reads these variables when it is imported; a backend that is not installed ends the import.
+    """
+    os.environ["MPLBACKEND"] = "agg"
+    os.environ["MATPLOTLIBRC"] = os.devnull
+
+
 def in_force() -> dict[str, str]:
     """Returns all that `prepare` has set, for workers that do not inherit it."""
     names = (

@@ -1,6 +1,7 @@
 """Prints certificates of the paper's statements and writes them as tables and figures."""
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 import pandas as pd
@@ -26,7 +27,8 @@ def show_certificates(
     for stored_certificate in chosen:
         certificate = stored_certificate.certificate
         _print_certificate(certificate, f"{stored_certificate.seconds:.1f} s", FAILS)
-        write_picture(folder, certificate.name, certificate_figure(certificate.panels), "")
+        draw = partial(certificate_figure, certificate.panels)
+        write_picture(folder, certificate.name, draw, "")
 
     certificates = [stored_certificate.certificate for stored_certificate in stored]
     text = certificate_frame(certificates, FAILS)

@@ -1,6 +1,6 @@
 """Builds what the sections share: tables and figures beside the page, and numbers in sentences."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -8,8 +8,9 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from .cell_results import CellResults, differing_labels
+from .drawing import drawn
 from .figures.style import save_png_and_pdf
-from .figures.trajectories import PathPanel, cell_panel, compare_paths
+from .figures.trajectories import PathPanel, compare_paths, plane_panel
 from .frame_files import write_frame
 from .page import PageTable, Picture
 from .summary import interval_text, summarise_trials, summary_numbers, summary_text
@@ -53,12 +54,28 @@ def write_page_table(
     return PageTable(stem, caption, frame)
 
 
-def write_picture(folder: Path, stem: str, figure: Figure | None, alt: str) -> list[Picture]:
-    """Writes a figure as STEM.png and STEM.pdf; returns no picture where there is no figure."""
-    if figure is None:
-        return []
-    save_png_and_pdf(figure, folder, stem)
-    return [Picture(f"{stem}.png", alt)]
+def write_picture(
+    folder: Path, stem: str, draw: Callable[[], Figure | None], alt: str
+) -> list[Picture]:
+    """Writes the figure that `draw` returns as STEM.png and STEM.pdf.
+
+    Returns no picture where there is no figure. Where it cannot be drawn or written, the page has a
+    note in its place, and no files of an earlier report remain.
+    """
+
+    def write() -> list[Picture]:
+        figure = draw()
+        if figure is None:
+            return []
+        save_png_and_pdf(figure, folder, stem)
+        return [Picture(f"{stem}.png", alt)]
+
+    pictures = drawn(stem, write)
+    if pictures is None:
+        for kind in ("png", "pdf"):
+            (folder / f"{stem}.{kind}").unlink(missing_ok=True)
+        return [Picture(f"{stem}.png", alt)]
+    return pictures
 
 
 def collision_text(cell: CellResults) -> str:
@@ -73,11 +90,15 @@ def cost_text(cell: CellResults) -> str:
 
 
 def write_path_panels(
-    folder: Path, stem: str, panels: Sequence[PathPanel | None], alt: str
+    folder: Path, stem: str, panels: Callable[[], Sequence[PathPanel | None]], alt: str
 ) -> list[Picture]:
     """Writes the paths of several cells in the plane, a panel each; skips panels that are None."""
-    shown = [panel for panel in panels if panel is not None]
-    return write_picture(folder, stem, compare_paths(shown) if shown else None, alt)
+
+    def draw() -> Figure | None:
+        shown = [panel for panel in panels() if panel is not None]
+        return compare_paths(shown) if shown else None
+
+    return write_picture(folder, stem, draw, alt)
 
 
 def write_paths_of_methods(
@@ -86,4 +107,6 @@ def write_paths_of_methods(
     """Writes the paths of the cells of `COMPARED_METHODS` in the plane, a panel each."""
     shown = [cell for cell in cells if cell.method in COMPARED_METHODS]
     shown.sort(key=lambda cell: COMPARED_METHODS.index(cell.method))
-    return write_path_panels(folder, stem, [cell_panel(cell, cell.name) for cell in shown], alt)
+    return write_path_panels(
+        folder, stem, lambda: [plane_panel(cell, cell.name) for cell in shown], alt
+    )

@@ -35,6 +35,13 @@ class Beacons:
     bearing_slope: float = number(ge=0)  # rad/m
     curvature: float = number(default=1.0, ge=0)  # kappa
 
+    state_labels = ("$p_x$ (m)", "$p_y$ (m)", "heading (rad)", "speed (m/s)")
+
+    @property
+    def measurement_units(self) -> tuple[str, ...]:
+        """Returns the units (2 n,) of distances and bearings."""
+        return ("m", "rad") * len(self.beacons)
+
     @property
     def H(self) -> Array:
         deviations = [jnp.asarray(self.turn_noise, float), jnp.asarray(self.speed_noise, float)]

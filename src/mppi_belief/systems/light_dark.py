@@ -21,6 +21,9 @@ class LightDark:
     noise_slope: float = number(ge=0)  # m/m
     noise_floor: float = number(gt=0)  # m
 
+    state_labels = ("$p_x$ (m)", "$p_y$ (m)", "$v_x$ (m/s)", "$v_y$ (m/s)")
+    measurement_units = ("m", "m")
+
     @property
     def H(self) -> Array:
         return jnp.vstack([jnp.zeros((2, 2)), self.process_noise * jnp.eye(2)])

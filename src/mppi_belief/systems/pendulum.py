@@ -35,6 +35,8 @@ class Pendulum:
     anchor: float = number(default=0.0)  # z, rad
     curvature: float = number(default=1.0, ge=0)  # kappa
 
+    state_labels = ("angle (rad)", "rate (rad/s)")
+
     @property
     def H(self) -> Array:
         return jnp.array([[0.0], [1.0]]) * self.process_noise

@@ -27,6 +27,9 @@ class PointRobot:
     noise_curvature: float = number(ge=0)  # m^2/m^2
     noise_floor: float = number(gt=0)  # m^2
 
+    state_labels = ("$p_x$ (m)", "$p_y$ (m)")
+    measurement_units = ("m", "m")
+
     @property
     def H(self) -> Array:
         return self.process_noise * jnp.eye(2)

@@ -12,7 +12,13 @@ from .sampling_efficiency import proposals_figure
 from .sensing import sensing_figure
 from .style import BLUE, GREEN, INK, ORANGE, method_look, save_png, save_png_and_pdf
 from .sweeps import figure_2, theta_figure
-from .trajectories import TRAJECTORIES_PNG, PathPanel, compare_paths, trajectories_figure
+from .trajectories import (
+    TRAJECTORIES_PNG,
+    PathPanel,
+    compare_paths,
+    kept_panel,
+    trajectories_figure,
+)
 
 __all__ = [
     "BLUE",
@@ -28,6 +34,7 @@ __all__ = [
     "figure_1",
     "figure_2",
     "kept_in_plane",
+    "kept_panel",
     "method_look",
     "one_trial_figure",
     "proposals_figure",

@@ -4,7 +4,6 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -22,6 +21,8 @@ from .plane import (
     ELLIPSE_SIGMAS,
     LIGHT_GREYS,
     SIDE_BY_SIDE,
+    add_noise_bar,
+    axis_labels,
     belief_ellipse,
     draw_scene,
     ellipse_boxes,
@@ -29,11 +30,12 @@ from .plane import (
     enclosing_box,
     kept_in_plane,
     largest_noise,
+    shared_top,
     stacked_steps,
     start_and_goal,
     view_box,
 )
-from .style import GREEN, INK, ORANGE, STYLE, method_look, method_order
+from .style import GREEN, INK, ORANGE, STYLE, drawing_style, method_look, method_order
 
 FRAMES = 60  # at most; longer trials leave out steps
 FRAME_TIME = 100  # ms
@@ -71,7 +73,7 @@ class MovingParts(NamedTuple):
 def write_animation(cells: Sequence[CellResults], path: Path) -> bool:
     """Writes a GIF of the recorded trial of at most two cells, a panel each.
 
-    It shows sigma_o (m), the true path so far, the belief (mean and 2 sigma), and the paths sampled
+    It shows sigma_o, the true path so far, the belief (mean and 2 sigma), and the paths sampled
     at this step, heavier ones darker. Cells without a recording of samples or without the path of
     that trial are left out; if none remains, returns False and writes nothing.
     """
@@ -83,7 +85,7 @@ def write_animation(cells: Sequence[CellResults], path: Path) -> bool:
     # The frames, in one palette.
     last_step = max(len(trial.position) for trial in trials) - 1
     stride = -(-last_step // FRAMES)
-    with mpl.rc_context(STYLE):
+    with drawing_style(STYLE):
         images = list(_draw_frames(trials, [*range(0, last_step, stride), last_step]))
     palette = _palette([method_look(trial.cell.method).colour for trial in trials])
     frames = [image.quantize(palette=palette, dither=Image.Dither.NONE) for image in images]
@@ -134,12 +136,14 @@ def _draw_frames(trials: Sequence[AnimatedTrial], steps: Sequence[int]) -> Itera
     panels = figure.subplots(1, len(trials), sharex=True, sharey=True, squeeze=False)[0]
 
     # What stays the same in all frames; the layout is made once.
-    top = max(largest_noise(trial.scene, corners) for trial in trials)
+    top = shared_top(largest_noise(trial.scene, corners) for trial in trials)
+    labels = axis_labels(trials[0].scene)
     for axes, trial in zip(panels, trials, strict=True):
         shading = draw_scene(axes, trial.scene, size=MARK_SIZE, cmap=LIGHT_GREYS, top=top)
-        axes.set(xlabel="$p_x$ (m)", title="t")
-    panels[0].set(xlim=corners[:, 0], ylim=corners[:, 1], ylabel="$p_y$ (m)")
-    figure.colorbar(shading, ax=panels, label=r"$\sigma_o$ (m)", fraction=0.04, pad=0.01, aspect=30)
+        axes.set(xlabel=labels[0], title="t")
+    panels[0].set(xlim=corners[:, 0], ylim=corners[:, 1], ylabel=labels[1])
+    bar: Any = {"fraction": 0.04, "pad": 0.01, "aspect": 30}
+    add_noise_bar(figure, panels, shading, trials[0].scene, **bar)
     moving = [_moving_parts(axes, trial) for axes, trial in zip(panels, trials, strict=True)]
     _add_animation_legend(figure, trials)
     canvas.draw()

@@ -5,7 +5,6 @@ from collections.abc import Sequence
 from textwrap import fill
 from typing import Any
 
-import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
@@ -13,7 +12,7 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from ...results.certificate import Line, Panel
-from .style import BLUE, COLUMN, GREEN, GREY, INK, ORANGE, STYLE
+from .style import BLUE, COLUMN, GREEN, GREY, INK, ORANGE, STYLE, drawing_style
 
 CURVE_COLOURS = (BLUE, "#E69F00", GREEN, "#CC79A7", "#56B4E9", INK, ORANGE, GREY)
 TITLE_WIDTH = 52  # characters that fit in a line
@@ -33,7 +32,7 @@ def certificate_figure(panels: Sequence[Panel]) -> Figure | None:
     columns = min(len(panels), 2)
     rows = -(-len(panels) // columns)
     height = 2.9 if any(_is_crowded(panel) for panel in panels) else 2.4  # inches
-    with mpl.rc_context(STYLE):
+    with drawing_style(STYLE):
         engine = ConstrainedLayoutEngine(w_pad=0.06, h_pad=0.08)
         figure = Figure(figsize=(columns * COLUMN * 0.95, rows * height), layout=engine)
         grid = figure.subplots(rows, columns, squeeze=False).ravel()

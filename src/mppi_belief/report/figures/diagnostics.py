@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import LinearSegmentedColormap, to_hex
@@ -13,7 +12,7 @@ from matplotlib.ticker import FixedLocator, NullLocator
 from .. import published
 from ..cell_results import CellResults
 from .points import collision_rate, dodge, draw_estimates, mean_of, step_time
-from .style import BLUE, COLUMN, GREY, INK, STYLE, Look
+from .style import BLUE, COLUMN, GREY, INK, STYLE, Look, drawing_style
 
 READINGS: dict[str, tuple[str, Any]] = {
     "sample": (r"$\sigma_o$ of a sample", {"color": BLUE, "ls": "-"}),
@@ -36,7 +35,7 @@ def residual_figure(cell: CellResults) -> Figure | None:
         return None
     dt = cell.scene["dt"]
     has_imposed = any("imposed" in curve for curve in curves.values())
-    with mpl.rc_context(STYLE):
+    with drawing_style(STYLE):
         figure = Figure(figsize=(COLUMN, 3.3 if has_imposed else 2.0), layout="constrained")
         panels = figure.subplots(1 + has_imposed, 1, sharex=True, squeeze=False)[:, 0]
         _draw_residuals(panels[0], curves, "optimum", dt)
@@ -76,7 +75,7 @@ def ess_figure(cells: Sequence[CellResults]) -> Figure | None:
         "median ms per step": step_time,
     }
     horizons = sorted({cell.labels[HORIZON_KEY] for cell in shown})
-    with mpl.rc_context(STYLE):
+    with drawing_style(STYLE):
         figure = Figure(figsize=(COLUMN, 3.4), layout="constrained")
         panels = figure.subplots(2, 2, sharex=True)
         for axes, (title, estimate) in zip(panels.flat, quantities.items(), strict=True):

@@ -3,14 +3,13 @@
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ..statistics import Estimate
 from .points import draw_estimates
-from .style import BLUE, COLUMN, GREEN, GREY, OTHER, STYLE, Look
+from .style import BLUE, COLUMN, GREEN, GREY, OTHER, STYLE, Look, drawing_style
 
 FILTER_LOOKS = {"ekf": Look(BLUE, "o", "-"), "ukf": Look(GREEN, "^", "-.")}
 LOGARITHMIC_ABOVE = 3.0  # a NEES by its degrees of freedom from which an axis is logarithmic
@@ -56,7 +55,7 @@ def consistency_figure(points: Sequence[ConsistencyPoint]) -> Figure | None:
     systems = list(dict.fromkeys(point.system for point in points))
     if not systems:
         return None
-    with mpl.rc_context(STYLE):
+    with drawing_style(STYLE):
         figure = Figure(figsize=(COLUMN * max(len(systems), 1.3), 5.2), layout="constrained")
         panels = figure.subplots(3, len(systems), sharex="col", squeeze=False)
         for column, system in zip(panels.T, systems, strict=True):

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
@@ -12,10 +11,13 @@ from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from .lines import draw_bands, obstacle_bands
 from .plane import (
     ELLIPSE_EVERY,
     ELLIPSE_SIGMAS,
     LIGHT_GREYS,
+    add_noise_bar,
+    axis_labels,
     belief_ellipse,
     draw_scene,
     ellipse_boxes,
@@ -24,7 +26,7 @@ from .plane import (
     start_and_goal,
     view_box,
 )
-from .style import GREEN, INK, SCREEN, method_look
+from .style import GREEN, INK, SCREEN, drawing_style, method_look
 
 FANS = 5  # steps at which the sampled paths are shown
 
@@ -36,14 +38,14 @@ def one_trial_figure(
     method: str,
     title: str,
 ) -> Figure:
-    """Draws a trial's path over sigma_o (m), with belief (2 sigma) and sampled paths at some steps.
+    """Draws a trial's path over sigma_o, with belief (2 sigma) and sampled paths at some steps.
 
-    One-dimensional positions are drawn over time. `path` holds the steps 0..T with state (nx,),
-    mean (nx,) and cov (nx nx,). `samples` has "position" (T, S, H, d) and "weight" (T, S), or is
-    None.
+    Of a position that is not in a plane the first coordinate is drawn over time. `path` holds the
+    steps 0..T with state (nx,), mean (nx,) and cov (nx nx,). `samples` has "position" (T, S, H, d)
+    and "weight" (T, S), or is None.
     """
     colour = method_look(method).colour
-    with mpl.rc_context(SCREEN):
+    with drawing_style(SCREEN):
         draw = _draw_in_plane if len(scene["start"]) == 2 else _draw_in_time
         return draw(pd.DataFrame(list(path)), scene, samples, colour, title)
 
@@ -72,8 +74,9 @@ def _draw_in_plane(
     axes.plot(*position.T, color=colour, lw=2, zorder=4.5)
 
     axes.set(xlim=corners[:, 0], ylim=corners[:, 1], title=title)
-    axes.set(xlabel="$p_x$ (m)", ylabel="$p_y$ (m)")
-    figure.colorbar(shading, ax=axes, label=r"$\sigma_o$ (m)", fraction=0.04, pad=0.02, shrink=0.8)
+    labels = axis_labels(scene)
+    axes.set(xlabel=labels[0], ylabel=labels[1])
+    add_noise_bar(figure, axes, shading, scene, fraction=0.04, pad=0.02, shrink=0.8)
     true_path = Line2D([], [], color=colour, lw=2)
     belief = Line2D([], [], marker="o", mfc="none", mec=colour, ms=8, ls="none")
     handles = [*start_and_goal(), true_path, belief]
@@ -108,7 +111,9 @@ def _draw_in_time(
     axes.plot(time, state[:, 0], color=colour, lw=2, zorder=5)
     goal = axes.axhline(scene["goal"][0], color=GREEN, lw=1.5, ls="--", zorder=2)
 
-    axes.set(xlim=(time[0], time[-1]), xlabel="time (s)", ylabel="position", title=title)
+    draw_bands(axes, obstacle_bands(scene))
+    label = axis_labels(scene)[0]
+    axes.set(xlim=(time[0], time[-1]), xlabel="time (s)", ylabel=label, title=title)
     true_path = Line2D([], [], color=colour, lw=2)
     _add_trial_legend(figure, [goal, true_path, band], ["goal"], samples)
     return figure

@@ -4,7 +4,6 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -13,7 +12,7 @@ from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator
 from ..cell_results import METHOD_NAMES, CellResults, by_method, differing_labels
 from ..statistics import Estimate
 from .points import collision_rate, dodge, draw_estimates, mean_of, step_time
-from .style import COLUMN, STYLE, method_look, method_order
+from .style import COLUMN, STYLE, drawing_style, method_look, method_order
 
 Estimator = Callable[[CellResults], Estimate]
 
@@ -29,7 +28,7 @@ def quality_figure(cells: Sequence[CellResults]) -> Figure | None:
     methods = sorted(groups, key=method_order)
     if not methods:
         return None
-    with mpl.rc_context(STYLE):
+    with drawing_style(STYLE):
         figure = Figure(figsize=(2 * COLUMN, 4.6), layout="constrained")
         panels = figure.subplots(2, 2, sharex="col", sharey="row")
         for row, estimate in zip(panels, (mean_of("cost"), collision_rate), strict=True):

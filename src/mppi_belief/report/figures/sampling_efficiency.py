@@ -3,14 +3,13 @@
 from collections.abc import Sequence
 from typing import Any
 
-import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
 from ..cell_results import METHOD_NAMES, CellResults
 from .points import draw_estimates, mean_of, step_time
-from .style import COLUMN, STYLE, method_look, method_order
+from .style import COLUMN, STYLE, drawing_style, method_look, method_order
 
 PROPOSAL_KEY = "sampler"
 PROPOSAL_STYLES: dict[str, Any] = {"laplace": {"ls": "-"}, "nominal": {"ls": ":", "mfc": "white"}}
@@ -26,7 +25,7 @@ def proposals_figure(cells: Sequence[CellResults]) -> Figure | None:
     shown = [cell for cell in shown if PROPOSAL_KEY in cell.labels]
     if not shown:
         return None
-    with mpl.rc_context(STYLE):
+    with drawing_style(STYLE):
         figure = Figure(figsize=(2 * COLUMN, 2.5), layout="constrained")
         panels = figure.subplots(1, 2)
         for method in sorted({cell.method for cell in shown}, key=method_order):

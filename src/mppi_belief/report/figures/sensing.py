@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -11,7 +10,7 @@ from matplotlib.ticker import FixedFormatter, FixedLocator, NullLocator
 
 from ..cell_results import CellResults
 from .points import draw_estimates, mean_of
-from .style import COLUMN, GREY, INK, STYLE, method_look
+from .style import COLUMN, GREY, INK, STYLE, drawing_style, method_look
 
 SENSOR_LINES: Any = {"matched": "-", "fixed": (0, (1, 1))}
 SENSORS = {"matched": "chosen sensor", "fixed": "fixed sensor"}
@@ -29,7 +28,7 @@ def sensing_figure(
     kept_cells = [cell for cell in unlimited if not cell.paths.empty and cell.scene is not None]
     if not kept_cells:
         return None
-    with mpl.rc_context(STYLE):
+    with drawing_style(STYLE):
         figure = Figure(figsize=(COLUMN, 3.9), layout="constrained")
         panels = figure.subplots(2, 1)
         _draw_mean_positions(panels[0], kept_cells)

@@ -4,6 +4,8 @@ The colours are those of Okabe and Ito, which are safe for colour blindness; ver
 for collisions.
 """
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -79,6 +81,19 @@ METHOD_LOOKS = {
 OTHER = Look("#555555", "*", "-")  # of a method that is not in `METHOD_LOOKS`
 
 
+@contextmanager
+def drawing_style(settings: Any) -> Iterator[None]:
+    """Draws with Matplotlib's own defaults and these settings, whatever a matplotlibrc says.
+
+    Matplotlib's settings are restored at the end. Figures are drawn on Agg canvases without pyplot,
+    so no window system is asked for.
+    """
+    with mpl.rc_context():
+        mpl.rcdefaults()
+        with mpl.rc_context(settings):
+            yield
+
+
 def method_look(method: str) -> Look:
     """Returns colour, marker and line of a method, an option of `controller`."""
     return METHOD_LOOKS.get(method, OTHER)
@@ -91,7 +106,8 @@ def method_order(method: str) -> int:
 
 def save_png(figure: Figure, path: Path) -> None:
     """Writes a PNG atomically."""
-    write_whole(path, lambda temporary: figure.savefig(temporary, dpi=DPI, format="png"))
+    with drawing_style(SCREEN):
+        write_whole(path, lambda temporary: figure.savefig(temporary, dpi=DPI, format="png"))
 
 
 def save_png_and_pdf(figure: Figure, folder: Path, stem: str) -> list[str]:
@@ -103,6 +119,6 @@ def save_png_and_pdf(figure: Figure, folder: Path, stem: str) -> list[str]:
     undated: dict[str, Any] = {"png": {"Software": None}, "pdf": {"CreationDate": None}}
     for kind, metadata in undated.items():
         write = partial(figure.savefig, dpi=DPI, format=kind, metadata=metadata)
-        with mpl.rc_context(STYLE):
+        with drawing_style(STYLE):
             write_whole(folder / f"{stem}.{kind}", write)
     return [f"{stem}.{kind}" for kind in undated]

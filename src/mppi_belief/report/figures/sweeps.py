@@ -4,7 +4,6 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
-import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -14,7 +13,7 @@ from matplotlib.ticker import MaxNLocator
 from .. import published
 from ..cell_results import METHOD_NAMES, CellResults, by_method
 from .points import collision_rate, dodge, draw_estimates, mean_of
-from .style import COLUMN, GREY, INK, STYLE, method_look, method_order
+from .style import COLUMN, GREY, INK, STYLE, drawing_style, method_look, method_order
 
 PUBLISHED_W_OBS = (1e2, 1e4)  # the range of w_obs in Fig. 2
 PUBLISHED_BAND: Any = {"color": "#DDDDDD", "lw": 0}
@@ -37,7 +36,7 @@ def figure_2(cells: Sequence[CellResults]) -> Figure | None:
     curves = _curves_by_method(cells, "w_obs", lambda w_obs: w_obs > 0)
     if not curves:
         return None
-    with mpl.rc_context(STYLE):
+    with drawing_style(STYLE):
         figure = Figure(figsize=(COLUMN, 3.9), layout="constrained")
         panels = figure.subplots(2, 1, sharex=True)
         _draw_published_rates(panels[0])
@@ -70,7 +69,7 @@ def theta_figure(cells: Sequence[CellResults]) -> Figure | None:
         "clearance (m)": mean_of("clearance"),
         "cost": mean_of("cost"),
     }
-    with mpl.rc_context(STYLE):
+    with drawing_style(STYLE):
         figure = Figure(figsize=(COLUMN, 1.9), layout="constrained")
         panels = figure.subplots(1, 3)
         for axes, (title, estimate) in zip(panels, quantities.items(), strict=True):

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-import matplotlib as mpl
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
@@ -12,13 +11,18 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from ..cell_results import CellResults
+from .lines import draw_over_time
 from .plane import (
+    add_noise_bar,
+    axis_labels,
     draw_scene,
     enclosing_box,
-    kept_in_plane,
+    largest_noise,
+    shared_top,
     start_and_goal,
+    view_box,
 )
-from .style import BLUE, GREEN, ORANGE, SCREEN
+from .style import BLUE, ORANGE, SCREEN, drawing_style
 
 TRAJECTORIES_PNG = "trajectories.png"  # beside the results of a cell
 
@@ -26,32 +30,40 @@ TRAJECTORIES_PNG = "trajectories.png"  # beside the results of a cell
 class PathPanel(NamedTuple):
     """Holds what a panel shows of one cell."""
 
-    paths: pd.DataFrame  # one row per step of a kept trial
+    paths: pd.DataFrame  # one row per step of a drawn trial, the position first in its state
     scene: dict[str, Any]
-    collided: set[int]  # trials that collided
+    collided: set[int]  # drawn trials that collided
     title: str
+    failed: int = 0  # kept trials that are not drawn, since they failed
 
 
-def cell_panel(cell: CellResults, title: str) -> PathPanel | None:
-    """Returns the panel of a cell's good trials; None where no paths in a plane were kept."""
-    scene_and_paths = kept_in_plane(cell)
-    if scene_and_paths is None:
+def kept_panel(cell: CellResults, title: str) -> PathPanel | None:
+    """Returns the panel of the kept trials that did not fail; None where there are none."""
+    paths = cell.good_paths
+    if paths.empty or cell.scene is None:
         return None
-    scene, paths = scene_and_paths
-    return PathPanel(paths, scene, cell.collided_trials, title)
+    drawn_trials = set(paths["trial"])
+    failed = cell.paths["trial"].nunique() - len(drawn_trials)
+    return PathPanel(paths, cell.scene, cell.collided_trials & drawn_trials, title, failed)
+
+
+def plane_panel(cell: CellResults, title: str) -> PathPanel | None:
+    """Returns the panel of a cell's good trials; None where no paths in a plane were kept."""
+    panel = kept_panel(cell, title)
+    return panel if panel is not None and len(panel.scene["start"]) == 2 else None
 
 
 def trajectories_figure(panel: PathPanel) -> Figure:
-    """Draws true paths in the plane over sigma_o; one-dimensional positions over time."""
-    with mpl.rc_context(SCREEN):
+    """Draws true paths in the plane over sigma_o; other positions over time."""
+    with drawing_style(SCREEN):
         if len(panel.scene["start"]) == 2:
             return _draw_panels([panel], columns=1)
-        return _draw_over_time(panel)
+        return draw_over_time(panel.paths, panel.scene, panel.title, _numbers(panel, set()))
 
 
 def compare_paths(panels: Sequence[PathPanel]) -> Figure:
     """Draws the paths of several cells in the plane, a panel each, on one scale."""
-    with mpl.rc_context(SCREEN):
+    with drawing_style(SCREEN):
         return _draw_panels(panels, columns=2)
 
 
@@ -63,22 +75,26 @@ def _draw_panels(panels: Sequence[PathPanel], columns: int) -> Figure:
     grid = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
     for axes in grid.flat[len(panels) :]:
         axes.set_visible(False)
-    for axes, panel in zip(grid.flat, panels, strict=False):
-        shading = _draw_paths(axes, panel)
-    for axes in grid[-1]:
-        axes.set_xlabel("$p_x$ (m)")
-    for axes in grid[:, 0]:
-        axes.set_ylabel("$p_y$ (m)")
-    bar: Any = {"fraction": 0.04, "pad": 0.02, "shrink": 0.8}
-    figure.colorbar(shading, ax=grid, label=r"$\sigma_o$ (m)", **bar)
-    figure.legend(*_path_legend(panels), loc="outside lower center", ncols=5)
+
+    # One view and one shading for all panels.
     corners = enclosing_box([_path_box(panel) for panel in panels])
-    low, high = corners + np.array([[-0.5], [0.5]])
-    grid[0, 0].set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
+    top = shared_top(largest_noise(panel.scene, corners) for panel in panels)
+    for axes, panel in zip(grid.flat, panels, strict=False):
+        shading = _draw_paths(axes, panel, top)
+    labels = axis_labels(panels[0].scene)
+    for axes in grid[-1]:
+        axes.set_xlabel(labels[0])
+    for axes in grid[:, 0]:
+        axes.set_ylabel(labels[1])
+    grid[0, 0].set(xlim=corners[:, 0], ylim=corners[:, 1])
+
+    bar: Any = {"fraction": 0.04, "pad": 0.02, "shrink": 0.8}
+    add_noise_bar(figure, grid, shading, panels[0].scene, **bar)
+    figure.legend(*_path_legend(panels, corners), loc="outside lower center", ncols=4)
     return figure
 
 
-def _draw_paths(axes: Axes, panel: PathPanel) -> QuadMesh:
+def _draw_paths(axes: Axes, panel: PathPanel, top: float | None) -> QuadMesh | None:
     """Draws one panel; returns its shading, for the colour bar."""
     for trial, steps in panel.paths.groupby("trial"):
         state = np.stack(list(steps["state"]))
@@ -87,44 +103,63 @@ def _draw_paths(axes: Axes, panel: PathPanel) -> QuadMesh:
             style = {"color": ORANGE, "alpha": 0.75, "zorder": 4}
         axes.plot(state[:, 0], state[:, 1], lw=0.8, **style)
     axes.set_title(panel.title)
-    return draw_scene(axes, panel.scene)
+    return draw_scene(axes, panel.scene, top=top)
 
 
 def _path_box(panel: PathPanel) -> np.ndarray:
     """Returns the corners (2, 2) of the box around everything that one panel shows."""
-    states = np.stack(list(panel.paths["state"]))[:, :2]
-    points = np.vstack([states, *panel.scene["obstacles"], panel.scene["goal"]])
-    return np.stack([points.min(axis=0), points.max(axis=0)])
+    return view_box([_positions(panel)], panel.scene)
 
 
-def _path_legend(panels: Sequence[PathPanel]) -> tuple[list[Line2D], list[str]]:
+def _positions(panel: PathPanel) -> np.ndarray:
+    """Returns the positions (n, 2) of all steps of a panel."""
+    return np.stack(list(panel.paths["state"]))[:, :2].astype(float)
+
+
+def _path_legend(
+    panels: Sequence[PathPanel], corners: np.ndarray
+) -> tuple[list[Line2D], list[str]]:
     """Returns handles and labels: numbers of paths for one panel, their meaning for several."""
     start, goal = start_and_goal()
     handles = [start, goal, Line2D([], [], color=BLUE, lw=1.5)]
-    if len(panels) > 1:
-        labels = ["start", "goal", "a trial"]
-        collided_label = "a trial that collides"
-    else:
-        collided = len(panels[0].collided)
-        others = panels[0].paths["trial"].nunique() - collided
-        labels = ["start", "goal", f"{others} paths"]
-        collided_label = f"{collided} that collide"
+    collided = Line2D([], [], color=ORANGE, lw=1.5)
+    if len(panels) == 1:
+        outside = _trials_outside(panels[0], corners)
+        free, *others = _numbers(panels[0], outside)
+        handles += [collided] if panels[0].collided else []
+        handles += [Line2D([], [], ls="none") for _ in others[len(handles) - 3 :]]
+        return handles, ["start", "goal", free, *others]
+    labels = ["start", "goal", "a trial"]
     if any(panel.collided for panel in panels):
-        handles.append(Line2D([], [], color=ORANGE, lw=1.5))
-        labels.append(collided_label)
-    return handles, labels
+        handles.append(collided)
+        labels.append("a trial that collides")
+    notes = sorted({note for panel in panels for note in _notes(panel, corners)})
+    handles += [Line2D([], [], ls="none") for _ in notes]
+    return handles, [*labels, *notes]
 
 
-def _draw_over_time(panel: PathPanel) -> Figure:
-    """Draws one-dimensional positions over time (s), and the goal."""
-    figure = Figure(figsize=(7.2, 3.2), layout="constrained")
-    axes = figure.subplots()
-    for index, (_, steps) in enumerate(panel.paths.groupby("trial")):
-        time = steps["step"] * panel.scene["dt"]
-        position = [state[0] for state in steps["state"]]
-        label = "paths" if index == 0 else None
-        axes.plot(time, position, color=BLUE, lw=0.8, alpha=0.45, label=label)
-    axes.axhline(panel.scene["goal"][0], color=GREEN, lw=1.5, ls="--", label="goal")
-    axes.set(xlabel="time (s)", ylabel="position", title=panel.title)
-    figure.legend(loc="outside lower center", ncols=5)
-    return figure
+def _notes(panel: PathPanel, corners: np.ndarray) -> list[str]:
+    """Returns what one of several panels does not show, in words."""
+    hidden = panel.failed + len(_trials_outside(panel, corners))
+    return [f"{panel.title}: {hidden} not or not wholly drawn"] if hidden else []
+
+
+def _numbers(panel: PathPanel, outside: set[int]) -> list[str]:
+    """Returns the numbers of the paths that are drawn, that collide, and that cannot be seen."""
+    collided = len(panel.collided)
+    free = panel.paths["trial"].nunique() - collided
+    texts = [f"{free} {'path' if free == 1 else 'paths'}"]
+    if collided:
+        texts.append(f"{collided} that {'collides' if collided == 1 else 'collide'}")
+    if panel.failed:
+        texts.append(f"{panel.failed} failed, not drawn")
+    if outside:
+        texts.append(f"{len(outside)} {'leaves' if len(outside) == 1 else 'leave'} the picture")
+    return texts
+
+
+def _trials_outside(panel: PathPanel, corners: np.ndarray) -> set[int]:
+    """Returns the trials that leave the view with these corners (2, 2)."""
+    positions = _positions(panel)
+    outside = np.any((positions < corners[0]) | (positions > corners[1]), axis=1)
+    return set(panel.paths["trial"][outside])

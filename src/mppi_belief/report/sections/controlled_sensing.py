@@ -39,7 +39,7 @@ def controlled_sensing_section(cells: list[CellResults], folder: Path) -> Sectio
             "remains, and Algorithm 1 costs more.",
         ],
         [write_page_table(folder, stem, caption, cell_lines(cells), cells)],
-        write_picture(folder, stem, sensing_figure(unlimited, limited), alt),
+        write_picture(folder, stem, lambda: sensing_figure(unlimited, limited), alt),
     )
 
 

@@ -23,5 +23,5 @@ def horizon_and_samples_section(cells: list[CellResults], folder: Path) -> Secti
         "Horizon and number of samples",
         [f"Collisions and cost at the paper's horizon: {'; '.join(results)}."],
         [write_page_table(folder, stem, caption, cell_lines(cells), cells)],
-        write_picture(folder, stem, ess_figure(cells), alt),
+        write_picture(folder, stem, lambda: ess_figure(cells), alt),
     )

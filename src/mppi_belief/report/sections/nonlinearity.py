@@ -53,7 +53,7 @@ def nonlinearity_section(cells: list[CellResults], folder: Path) -> Section:
             *verdicts(points),
         ],
         [PageTable("consistency", "Every system, filter and curvature", frame)],
-        write_picture(folder, "consistency", consistency_figure(points), alt),
+        write_picture(folder, "consistency", lambda: consistency_figure(points), alt),
     )
 
 

@@ -45,7 +45,7 @@ def proposals_section(cells: list[CellResults], folder: Path) -> Section:
             " ".join([*_ess_gain(cells), *_savings(main_cells)]),
         ],
         [write_page_table(folder, "proposals", caption, frame, cells)],
-        write_picture(folder, "proposals", proposals_figure(main_cells), alt),
+        write_picture(folder, "proposals", lambda: proposals_figure(main_cells), alt),
     )
 
 

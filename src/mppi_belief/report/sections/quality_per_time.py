@@ -54,7 +54,7 @@ def quality_per_time_section(cells: list[CellResults], folder: Path) -> Section:
             *verdicts,
         ],
         [write_page_table(folder, stem, caption, quality_frame(groups), [*chain(*groups)])],
-        write_picture(folder, stem, quality_figure(cells), alt),
+        write_picture(folder, stem, lambda: quality_figure(cells), alt),
     )
 
 

@@ -32,5 +32,5 @@ def residual_sections(cells: Sequence[CellResults], folder: Path) -> list[Sectio
         f"{published.RESIDUAL}; the steady state in the light, with sigma_o as an intensity, is "
         "0.80."
     )
-    pictures = write_picture(folder, "matching", residual_figure(recorded[0]), alt)
+    pictures = write_picture(folder, "matching", lambda: residual_figure(recorded[0]), alt)
     return [Section("The matching residual", [text], [], pictures)]

@@ -10,6 +10,7 @@ import pandas as pd
 from .. import published
 from ..cell_results import CellResults, cell_titles
 from ..comparison import method_differences
+from ..drawing import drawn
 from ..elements import collision_text, cost_text, write_page_table, write_picture
 from ..figures.animation import write_animation
 from ..figures.figure_1 import figure_1
@@ -38,8 +39,8 @@ def table_1_section(cells: list[CellResults], folder: Path) -> Section:
 
     # The pictures.
     alt = "Fig. 1: 50 trials of each method in the plane; shading: the noise of the position sensor"
-    pictures = write_picture(folder, "figure_1", figure_1(cells), alt)
-    if write_animation(cells, folder / ANIMATION_GIF):
+    pictures = write_picture(folder, "figure_1", lambda: figure_1(cells), alt)
+    if drawn(ANIMATION_GIF, lambda: write_animation(cells, folder / ANIMATION_GIF)):
         alt = "One trial of MPPI-Belief next to CE-MPPI: true path, belief ellipse, sampled paths"
         pictures.append(Picture(ANIMATION_GIF, alt))
 

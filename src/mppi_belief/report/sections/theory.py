@@ -47,7 +47,7 @@ def _certificate_section(certificate: Certificate, folder: Path) -> Section:
     failing = [(row, column) for row, check in enumerate(certificate.checks) if not check.holds]
     table = write_page_table(folder, stem, "Checks", frame)._replace(bold=failing)
     alt = "; ".join(panel.title for panel in certificate.panels)
-    pictures = write_picture(folder, stem, certificate_figure(certificate.panels), alt)
+    pictures = write_picture(folder, stem, lambda: certificate_figure(certificate.panels), alt)
     return Section(certificate.statement, [certificate.text], [table], pictures)
 
 

@@ -26,5 +26,5 @@ def theta_sweep_section(cells: list[CellResults], folder: Path) -> Section:
             "This sweep was held out of the calibration.",
         ],
         [write_page_table(folder, "theta_sweep", caption, cell_lines(cells), cells)],
-        write_picture(folder, "theta_sweep", theta_figure(cells), alt),
+        write_picture(folder, "theta_sweep", lambda: theta_figure(cells), alt),
     )

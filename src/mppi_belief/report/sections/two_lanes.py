@@ -7,7 +7,7 @@ import numpy as np
 
 from ..cell_results import CellResults, cell_titles
 from ..elements import cell_lines, collision_text, write_page_table, write_path_panels
-from ..figures.trajectories import PathPanel, cell_panel
+from ..figures.trajectories import PathPanel, plane_panel
 from ..page import Section
 from ..statistics import Estimate, proportion_interval
 from ..summary import interval_text
@@ -40,7 +40,7 @@ def two_lanes_section(cells: list[CellResults], folder: Path) -> Section:
             " ".join(results),
         ],
         [write_page_table(folder, "two_lanes", "Every filter and planner", frame, cells)],
-        write_path_panels(folder, "two_lanes", filter_panels(cells), alt),
+        write_path_panels(folder, "two_lanes", lambda: filter_panels(cells), alt),
     )
 
 
@@ -69,4 +69,4 @@ def filter_panels(cells: Sequence[CellResults]) -> list[PathPanel | None]:
     thetas = [cell.labels["theta"] for cell in candidates if cell.method == "belief"]
     largest = max(thetas, default=0.0)
     shown = [cell for cell in candidates if cell.method == "ce" or cell.labels["theta"] == largest]
-    return [cell_panel(cell, f"{cell.name}, filter={cell.labels['filter']}") for cell in shown]
+    return [plane_panel(cell, f"{cell.name}, filter={cell.labels['filter']}") for cell in shown]

@@ -32,5 +32,5 @@ def w_obs_sweep_section(cells: list[CellResults], folder: Path) -> Section:
                 folder, "w_obs_sweep", "Every weight and method", cell_lines(cells), cells
             )
         ],
-        write_picture(folder, "figure_2", figure_2(cells), alt),
+        write_picture(folder, "figure_2", lambda: figure_2(cells), alt),
     )
