@@ -151,6 +151,10 @@ def test_obstacles_on_a_line_are_bands(scene):
     figure = figures.trajectories_figure(figures.PathPanel(steps, line, set(), ""))
     assert legend(figure) == ["1 path", "goal", "obstacle"]
     assert figure.axes[0].get_ylabel() == "x"
+    collides = figures.trajectories_figure(figures.PathPanel(steps, line, {0}, "", failed=2))
+    texts = ["0 paths", "1 that collides", "2 failed, not drawn", "goal", "obstacle"]
+    assert legend(collides) == texts
+    assert collides.axes[0].lines[0].get_color() == figures.ORANGE
 
 
 def test_every_coordinate_of_a_position_in_space_has_a_panel():

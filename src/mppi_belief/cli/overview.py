@@ -36,7 +36,6 @@ def show_overview(
     stored = sum(outcome.done_before.values())
     print(f"{counted(ran, 'trial')} run, {stored} already done; results in {root}")
 
-    sys.stdout.flush()
     pictures = _save_pictures(results, root, outcome)
     if len(pictures) == 1:
         print(f"picture: {pictures[0]}")

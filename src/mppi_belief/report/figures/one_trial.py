@@ -26,7 +26,7 @@ from .plane import (
     start_and_goal,
     view_box,
 )
-from .style import GREEN, INK, SCREEN, drawing_style, method_look
+from .style import GREEN, INK, SCREEN, drawing_style, method_look, wrapped_title
 
 FANS = 5  # steps at which the sampled paths are shown
 
@@ -73,7 +73,7 @@ def _draw_in_plane(
     axes.plot(*mean[::ELLIPSE_EVERY, :2].T, "+", color=colour, ms=5, zorder=5)
     axes.plot(*position.T, color=colour, lw=2, zorder=4.5)
 
-    axes.set(xlim=corners[:, 0], ylim=corners[:, 1], title=title)
+    axes.set(xlim=corners[:, 0], ylim=corners[:, 1], title=wrapped_title(title))
     labels = axis_labels(scene)
     axes.set(xlabel=labels[0], ylabel=labels[1])
     add_noise_bar(figure, axes, shading, scene, fraction=0.04, pad=0.02, shrink=0.8)
@@ -113,7 +113,8 @@ def _draw_in_time(
 
     draw_bands(axes, obstacle_bands(scene))
     label = axis_labels(scene)[0]
-    axes.set(xlim=(time[0], time[-1]), xlabel="time (s)", ylabel=label, title=title)
+    axes.set(xlim=(time[0], time[-1]), xlabel="time (s)", ylabel=label)
+    axes.set_title(wrapped_title(title))
     true_path = Line2D([], [], color=colour, lw=2)
     _add_trial_legend(figure, [goal, true_path, band], ["goal"], samples)
     return figure

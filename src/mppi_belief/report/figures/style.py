@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
+from textwrap import fill
 from typing import Any, NamedTuple
 
 import matplotlib as mpl
@@ -22,6 +23,7 @@ INK = "#222222"
 GREY = "#777777"
 COLUMN = 3.5  # inches, the width of a column in a two-column paper
 DPI = 200  # of every PNG
+TITLE_CHARACTERS = 84  # in a line over a picture for the screen
 
 # Larger pictures, for the screen.
 SCREEN: Any = {
@@ -92,6 +94,12 @@ def drawing_style(settings: Any) -> Iterator[None]:
         mpl.rcdefaults()
         with mpl.rc_context(settings):
             yield
+
+
+def wrapped_title(title: str, columns: int = 1) -> str:
+    """Returns a title in lines that fit over one of `columns` panels beside each other."""
+    width = TITLE_CHARACTERS // columns
+    return "\n".join(fill(line, width) for line in title.splitlines())
 
 
 def method_look(method: str) -> Look:

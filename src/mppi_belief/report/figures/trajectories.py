@@ -13,6 +13,7 @@ from matplotlib.lines import Line2D
 from ..cell_results import CellResults
 from .lines import draw_over_time
 from .plane import (
+    LIGHT_GREYS,
     add_noise_bar,
     axis_labels,
     draw_scene,
@@ -22,9 +23,12 @@ from .plane import (
     start_and_goal,
     view_box,
 )
-from .style import BLUE, ORANGE, SCREEN, drawing_style
+from .style import BLUE, ORANGE, SCREEN, drawing_style, wrapped_title
 
 TRAJECTORIES_PNG = "trajectories.png"  # beside the results of a cell
+WIDTH = 7.2  # inches
+LOWEST = 0.25  # height of a panel over its width, at least
+HIGHEST = 1.2  # height of a panel over its width, at most
 
 
 class PathPanel(NamedTuple):
@@ -58,7 +62,8 @@ def trajectories_figure(panel: PathPanel) -> Figure:
     with drawing_style(SCREEN):
         if len(panel.scene["start"]) == 2:
             return _draw_panels([panel], columns=1)
-        return draw_over_time(panel.paths, panel.scene, panel.title, _numbers(panel, set()))
+        numbers = _numbers(panel, set())
+        return draw_over_time(panel.paths, panel.scene, panel.collided, panel.title, numbers)
 
 
 def compare_paths(panels: Sequence[PathPanel]) -> Figure:
@@ -70,17 +75,17 @@ def compare_paths(panels: Sequence[PathPanel]) -> Figure:
 def _draw_panels(panels: Sequence[PathPanel], columns: int) -> Figure:
     """Draws panels of paths in the plane on one scale."""
     rows = -(-len(panels) // columns)
-    height = 5.2 if columns == 1 else 0.5 + 2.7 * rows
-    figure = Figure(figsize=(7.2, height), layout="constrained")
+    corners = enclosing_box([_path_box(panel) for panel in panels])
+    figure = Figure(figsize=_figure_size(corners, rows, columns), layout="constrained")
     grid = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
     for axes in grid.flat[len(panels) :]:
         axes.set_visible(False)
 
     # One view and one shading for all panels.
-    corners = enclosing_box([_path_box(panel) for panel in panels])
     top = shared_top(largest_noise(panel.scene, corners) for panel in panels)
     for axes, panel in zip(grid.flat, panels, strict=False):
         shading = _draw_paths(axes, panel, top)
+        axes.set_title(wrapped_title(panel.title, columns))
     labels = axis_labels(panels[0].scene)
     for axes in grid[-1]:
         axes.set_xlabel(labels[0])
@@ -102,8 +107,15 @@ def _draw_paths(axes: Axes, panel: PathPanel, top: float | None) -> QuadMesh | N
         if trial in panel.collided:
             style = {"color": ORANGE, "alpha": 0.75, "zorder": 4}
         axes.plot(state[:, 0], state[:, 1], lw=0.8, **style)
-    axes.set_title(panel.title)
-    return draw_scene(axes, panel.scene, top=top)
+    return draw_scene(axes, panel.scene, cmap=LIGHT_GREYS, top=top)
+
+
+def _figure_size(corners: np.ndarray, rows: int, columns: int) -> tuple[float, float]:
+    """Returns width and height in inches of panels with the aspect of the view (2, 2)."""
+    extent = corners[1] - corners[0]
+    panel_width = (WIDTH - 1.4) / columns
+    panel_height = panel_width * min(max(extent[1] / extent[0], LOWEST), HIGHEST)
+    return WIDTH, 1.1 + rows * (panel_height + 0.35)
 
 
 def _path_box(panel: PathPanel) -> np.ndarray:
