@@ -267,7 +267,7 @@ def test_a_picture_that_fails_costs_the_overview_one_line(tmp_path, capsys, monk
     cell = stored_cell(tmp_path, [row(0)], path_rows(0), scene)
     assert show_overview([cell.cell], tmp_path, 1, outcome(cell)) == 0
     out, err = capsys.readouterr()
-    assert "1 trials run" in out
+    assert "1 trial run" in out
     assert "picture: " not in out
     assert err.splitlines() == [
         f"no picture of {cell.id} (ZeroDivisionError: a bug of the picture)",

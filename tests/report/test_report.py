@@ -162,22 +162,19 @@ LINE = {"dt": 0.1, "start": [2.0], "goal": [0.0], "obstacles": [], "radius": 0.0
 
 
 @pytest.mark.parametrize(
-    ("scene", "nx", "shape"),
-    [
-        (plane([[3, 1], [3, -1]]), 4, (1040, 1440)),
-        (plane([]), 2, (1040, 1440)),
-        (LINE, 1, (640, 1440)),
-    ],
+    ("scene", "nx"),
+    [(plane([[3, 1], [3, -1]]), 4), (plane([]), 2), (LINE, 1)],
     ids=["plane", "plane without obstacles", "line"],
 )
-def test_pictures_of_the_plane_and_of_a_line_over_time(scene, nx, shape, tmp_path):
+def test_pictures_of_the_plane_and_of_a_line_over_time(scene, nx, tmp_path):
     table = pd.DataFrame(paths(3, nx))
     before = settings()
     figure = figures.trajectories_figure(figures.PathPanel(table, scene, {1}, "a title"))
     assert figure.axes[0].get_title() == "a title"
     figures.save_png(figure, tmp_path / "picture.png")
     image = imread(tmp_path / "picture.png")
-    assert image.shape[:2] == shape
+    assert image.shape[1] == 1440
+    assert 600 < image.shape[0] < 1100
     assert 0.01 < np.mean(image[..., :3].min(axis=-1) < 0.9) < 0.9
     assert [path.name for path in tmp_path.iterdir()] == ["picture.png"]
     assert settings() == before
