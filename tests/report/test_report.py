@@ -253,7 +253,8 @@ def test_the_overview_prints_a_table_draws_and_counts_failures(tmp_path, capsys)
     assert header.split()[:5] == ["controller", "theta", "w_obs", "seed", "trials"]
     assert (first.split()[3:5], second.split()[3:7]) == (["0", "4"], ["1", "2", "(1", "failed)"])
     assert counts == f"4 trials run, 4 already done; results in {tmp_path}"
-    assert err == f"{bad.id}: 1 error, e.g. trial 1: oh dear\n"
+    command = f"mppi-belief replay {bad.id} 1 results_dir={tmp_path}"
+    assert err == f"{bad.id}: 1 error, e.g. trial 1: oh dear; `{command}` shows it\n"
     assert figures.TRAJECTORIES_PNG in pictures
     assert again == f"one trial again: mppi-belief replay {good.id} 0 results_dir={tmp_path}"
     assert all(
