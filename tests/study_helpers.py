@@ -146,12 +146,12 @@ def run_trials(config: dict[str, Any], trials: Sequence[int]) -> Batch:
     return Batch([row(trial, seed=config["seed"]) for trial in trials], [], {"dt": 0.1})
 
 
-def time_steps(config: dict[str, Any]) -> list[float]:
+def time_steps(config: dict[str, Any]) -> dict[str, Any]:
     """As if a control step took a millisecond; leaves a note of every call."""
     if "notes" in config["system"]:
         with Path(config["system"]["notes"]).open("a") as notes:
             notes.write("timed\n")
-    return [1e-3, 2e-3, 3e-3]
+    return {"seconds": [1e-3, 2e-3, 3e-3], "cpu_share": 1.0, "load": 0.0}
 
 
 def record(config: dict[str, Any]) -> dict[str, Any]:

@@ -22,6 +22,9 @@ class Boat:
     resolution: float = mb.number(gt=0)  # m, at the radar
     spread: float = mb.number(ge=0)  # m per m of distance
 
+    state_labels = ("east (m)", "north (m)")  # of the axes of pictures
+    measurement_units = ("m", "m")
+
     @property
     def H(self) -> Array:
         return self.gusts * jnp.eye(2)

@@ -18,8 +18,10 @@ from helpers import SIGMAS
 from mppi_belief.cli.overview import show_overview
 from mppi_belief.config.cell import Cell
 from mppi_belief.report import figures
+from mppi_belief.report.cell_results import read_cell_results
+from mppi_belief.report.elements import cell_lines, write_page_table
 from mppi_belief.report.statistics import Estimate, mean_interval, proportion_interval
-from mppi_belief.report.summary import aligned_text, summary_text
+from mppi_belief.report.summary import BUSY_NOTE, aligned_text, summary_text
 from mppi_belief.results import files
 from mppi_belief.results import table as results
 from study_helpers import config, failed_row, row
@@ -273,6 +275,26 @@ def test_a_picture_is_drawn_again_only_when_trials_came(tmp_path, capsys):
     show_overview([cell], tmp_path, 2, outcome({cell.id: 2}))
     assert picture.read_bytes() != b"mine"
     assert str(picture) in capsys.readouterr().out
+
+
+def test_times_of_a_busy_machine_are_marked_and_explained(tmp_path, capsys):
+    cell = stored(tmp_path, row(0), row(1))
+    timing = {"seconds": [2e-3], "cpu_share": 0.5, "load": 1.0}
+    files.write_json(tmp_path / cell.id, "timing", timing)
+    show_overview([cell], tmp_path, 2, outcome({cell.id: 0}))
+    out = capsys.readouterr().out
+    assert "2.00 (2.00)*" in out
+    assert BUSY_NOTE in out.splitlines()
+
+    # On the page: the mark in the table, its meaning in the caption.
+    results_of_cell = read_cell_results(cell, tmp_path, 2)
+    frame = cell_lines([results_of_cell])
+    table = write_page_table(tmp_path, "table", "All cells", frame, [results_of_cell])
+    assert table.frame["ms/step (p95)"].tolist() == ["2.00 (2.00)*"]
+    assert table.caption == f"All cells. {BUSY_NOTE}"
+    files.write_json(tmp_path / cell.id, "timing", timing | {"cpu_share": 1.0})
+    calm = read_cell_results(cell, tmp_path, 2)
+    assert write_page_table(tmp_path, "table", "All cells", frame, [calm]).caption == "All cells"
 
 
 def test_an_overview_of_nothing_is_possible(tmp_path, capsys):

@@ -101,7 +101,8 @@ def test_a_study_runs_once_and_a_larger_one_only_adds(study, tmp_path):
     assert study.rows(first)["trial"].tolist() == list(range(12))
     assert study.rows(second)["trial"].tolist() == list(range(15))
     assert notes.read_text() == "timed\n" * 2
-    assert files.read_json(study.root / first.id, "timing") == {"seconds": [1e-3, 2e-3, 3e-3]}
+    timing = files.read_json(study.root / first.id, "timing")
+    assert timing == {"seconds": [1e-3, 2e-3, 3e-3], "cpu_share": 1.0, "load": 0.0}
     assert files.read_json(study.root / first.id, "scene") == {"dt": 0.1}
 
 
@@ -250,6 +251,18 @@ def test_a_broken_timing_file_is_made_again(study):
     (study.root / cell.id / "timing.json").write_text("{")
     study.run(cell)
     assert json.loads((study.root / cell.id / "timing.json").read_text())["seconds"]
+
+
+@pytest.mark.parametrize(
+    ("load_now", "load_after"), [(0.1, 0.0), (9.0, 4.0)], ids=["calm", "still busy"]
+)
+def test_times_of_a_busy_machine_are_measured_again(study, monkeypatch, load_now, load_after):
+    monkeypatch.setattr("mppi_belief.run.runner.machine_load", lambda: load_now)
+    cell = Cell(config())
+    study.run(cell)
+    files.write_json(study.root / cell.id, "timing", {"seconds": [1.0], "load": 4.0})
+    study.run(cell)
+    assert files.read_json(study.root / cell.id, "timing")["load"] == load_after
 
 
 def test_a_recording_is_made_once_and_only_where_a_cell_asks_for_one(study):

@@ -13,7 +13,15 @@ from cli_helpers import PLANNER, SMALL, compose
 from compilation_helpers import TRACED, collect_events
 from experiment_helpers import compiled_quickly
 from mppi_belief.errors import ConfigError
-from mppi_belief.trial import KEPT_PATHS, build, check, failed_row, run_trials, time_steps
+from mppi_belief.trial import (
+    KEPT_PATHS,
+    build,
+    check,
+    failed_row,
+    run_trials,
+    time_steps,
+    time_steps_and_load,
+)
 from user_parts import SPOILABLE
 
 COLUMNS = [
@@ -504,3 +512,7 @@ def test_control_steps_are_timed_one_by_one(small):
         seconds = time_steps(small, calls)
         assert len(seconds) == calls
         assert all(0 < second < 60 for second in seconds)
+    timing = time_steps_and_load(small, 3, load=lambda: 1.75)
+    assert len(timing["seconds"]) == 3
+    assert 0 <= timing["cpu_share"] <= 1
+    assert timing["load"] == 1.75

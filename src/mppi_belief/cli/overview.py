@@ -10,7 +10,7 @@ from ..config.cell import Cell
 from ..errors import counted
 from ..report.cell_results import CellResults, read_cell_results
 from ..report.drawing import drawn
-from ..report.summary import aligned_text, label_text, summary_text
+from ..report.summary import BUSY_NOTE, aligned_text, label_text, summary_text
 from ..run.task import StudyOutcome
 from .results_request import default_root
 
@@ -30,8 +30,10 @@ def show_overview(
     results = [cell for cell in results if len(cell.rows)]
     failed = sum(_print_failures(cell, root, config_dirs) for cell in results)
     if results:
-        lines = [summary_text(cell.rows, cell.labels, cell.seconds) for cell in results]
+        lines = [summary_text(cell.rows, cell.labels, cell.seconds, cell.busy) for cell in results]
         print(aligned_text(lines))
+        if any(cell.busy for cell in results):
+            print(BUSY_NOTE)
     ran = sum(outcome.ran.values())
     stored = sum(outcome.done_before.values())
     print(f"{counted(ran, 'trial')} run, {stored} already done; results in {root}")

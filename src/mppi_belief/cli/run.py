@@ -84,7 +84,7 @@ def run(request: Request, configs: Sequence[dict[str, Any]], variables: dict[str
     from ..run.start_workers import make_workers
     from ..run.task import StudyOrder, TrialFunctions
     from ..run.worker import WorkerSetup
-    from ..trial import check, device, failed_row, record, run_trials, time_steps
+    from ..trial import check, device, failed_row, record, run_trials, time_steps_and_load
 
     # What is run: the cells, and how much of each.
     settings = configs[0]
@@ -92,7 +92,7 @@ def run(request: Request, configs: Sequence[dict[str, Any]], variables: dict[str
     root = Path(settings["results_dir"])
     shard = WHOLE if settings["shard"] is None else Shard.parse(settings["shard"])
     order = StudyOrder(settings["n_trials"], shard, request.retry_failed, settings["trial_timeout"])
-    functions = TrialFunctions(check, run_trials, time_steps, failed_row, record, device)
+    functions = TrialFunctions(check, run_trials, time_steps_and_load, failed_row, record, device)
 
     # Who runs it.
     import_paths = [str(Path(folder).resolve()) for folder in request.config_dirs]

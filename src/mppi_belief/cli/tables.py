@@ -7,10 +7,11 @@ from typing import Any
 import pandas as pd
 from omegaconf import OmegaConf
 
-from ..report.summary import aligned_text, label_text, summary_text
+from ..report.summary import BUSY_NOTE, aligned_text, label_text, summary_text
 from ..results.contents import CellContents, identifying_settings, status_counts, superseded
 from ..results.folder import cell_files, seconds_since_write, total_size
 from ..results.sources import runs
+from ..results.timing_load import measured_busy
 from ..results.trial_ranges import ranges_in_words
 
 ALWAYS_SHOWN = ("theta", "w_obs", "seed")  # other settings are shown where cells differ in them
@@ -99,7 +100,10 @@ def description(contents: CellContents) -> str:
         settings = identifying_settings(contents)
         names = [name for name in settings if name in ("controller", *ALWAYS_SHOWN)]
         labels = {name: settings[name] for name in names}
-        parts.append(aligned_text([summary_text(rows, labels, _step_times(contents))]))
+        timing = contents.notes.get("timing", {})
+        busy = measured_busy(timing)
+        parts.append(aligned_text([summary_text(rows, labels, _step_times(timing), busy)]))
+        parts += [BUSY_NOTE] if busy else []
     parts.append(_file_list(contents))
     return "\n\n".join(parts)
 
@@ -140,9 +144,9 @@ def _file_list(contents: CellContents) -> str:
     return "\n".join(f"{path.name:{width}}  {bytes_in_words(total_size([path]))}" for path in files)
 
 
-def _step_times(contents: CellContents) -> list[float]:
+def _step_times(timing: dict[str, Any]) -> list[float]:
     """Returns the wall times (s) of single control steps; none where the file holds no list."""
-    seconds = contents.notes.get("timing", {}).get("seconds")
+    seconds = timing.get("seconds")
     return seconds if isinstance(seconds, list) else []
 
 

@@ -12,6 +12,7 @@ from ..config.cell import Cell, labels
 from ..results.columns import COLUMNS
 from ..results.contents import CellContents, read_cell
 from ..results.sources import sources_of
+from ..results.timing_load import measured_busy
 from .positions import position_first
 from .summary import label_text
 
@@ -40,6 +41,7 @@ class CellResults(NamedTuple):
     seconds: list[float]  # wall times of single control steps, s; empty where none were measured
     recording: dict[str, Any] | None  # one trial in detail, see `mppi_belief.trial.recording`
     sources: list[dict[str, Any]]  # provenance of every file that holds one of the rows
+    busy: bool = False  # whether the times were measured while other work kept the machine busy
 
     @property
     def config(self) -> dict[str, Any]:
@@ -143,6 +145,7 @@ def read_cell_results(
         seconds=timing["seconds"] if timing else [],
         recording=recording,
         sources=sources_of(contents, rows["trial"]),
+        busy=timing is not None and measured_busy(timing),
     )
 
 

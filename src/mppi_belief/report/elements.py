@@ -13,7 +13,7 @@ from .figures.style import save_png_and_pdf
 from .figures.trajectories import PathPanel, compare_paths, plane_panel
 from .frame_files import write_frame
 from .page import PageTable, Picture
-from .summary import interval_text, summarise_trials, summary_numbers, summary_text
+from .summary import BUSY_NOTE, interval_text, summarise_trials, summary_numbers, summary_text
 
 COMPARED_METHODS = ("belief_joint", "belief", "ce", "ilqg")  # of pictures of paths, in this order
 
@@ -30,7 +30,7 @@ def cell_lines(cells: Sequence[CellResults]) -> pd.DataFrame:
         for ending, (key, value) in zip(endings, labels.items(), strict=True):
             heading = ending if endings.count(ending) == 1 else key
             columns[heading] = cell.name if key == "controller" else value
-        lines.append(summary_text(cell.rows, columns, cell.seconds))
+        lines.append(summary_text(cell.rows, columns, cell.seconds, cell.busy))
     return pd.DataFrame(lines).fillna("-")
 
 
@@ -44,13 +44,15 @@ def write_page_table(
     """Writes a table of the page as STEM.md and STEM.csv, and returns it.
 
     The CSV file has the numbers of `cells` in full precision or, without cells, the text of
-    `frame`.
+    `frame`. The caption explains the mark of times that were measured on a busy machine.
     """
     numbers = None
     if cells is not None:
         lines = [summary_numbers(cell.rows, cell.labels, cell.seconds) for cell in cells]
         numbers = pd.DataFrame(lines)
     write_frame(folder, stem, frame, numbers)
+    if cells is not None and any(cell.busy and cell.seconds for cell in cells):
+        caption = f"{caption}. {BUSY_NOTE}"
     return PageTable(stem, caption, frame)
 
 

@@ -9,6 +9,11 @@ import pandas as pd
 
 from .statistics import Estimate, mean_interval, proportion_interval
 
+BUSY_MARK = "*"
+BUSY_NOTE = (
+    f"{BUSY_MARK} timed while other work kept the machine busy; `mppi-belief run` measures it again"
+)
+
 
 class TrialSummary(NamedTuple):
     """Holds what the trials of a cell show; averages leave out the trials that failed."""
@@ -49,9 +54,15 @@ def summarise_trials(rows: pd.DataFrame, seconds: Sequence[float] | None) -> Tri
 
 
 def summary_text(
-    rows: pd.DataFrame, labels: dict[str, Any], seconds: Sequence[float] | None
+    rows: pd.DataFrame,
+    labels: dict[str, Any],
+    seconds: Sequence[float] | None,
+    busy: bool = False,
 ) -> dict[str, str]:
-    """Returns the labels and the summary of a cell as the columns of one line of text."""
+    """Returns the labels and the summary of a cell as the columns of one line of text.
+
+    Times that were measured on a busy machine are marked; `BUSY_NOTE` explains the mark.
+    """
     summary = summarise_trials(rows, seconds)
     trials = str(summary.trials)
     line = {name: label_text(value) for name, value in labels.items()}
@@ -62,8 +73,14 @@ def summary_text(
     line["clearance m [95 %]"] = interval_text(summary.clearance, 3)
     line["ESS"] = "-" if math.isnan(summary.ess) else f"{summary.ess:.1f}"
     if seconds:
-        line["ms/step (p95)"] = f"{summary.time:.2f} ({summary.time_p95:.2f})"
+        line["ms/step (p95)"] = time_text(summary, busy)
     return line
+
+
+def time_text(summary: TrialSummary, busy: bool) -> str:
+    """Returns median and 95th percentile of a control step in ms, with a mark if busy."""
+    mark = BUSY_MARK if busy else ""
+    return f"{summary.time:.2f} ({summary.time_p95:.2f}){mark}"
 
 
 def summary_numbers(

@@ -13,6 +13,7 @@ from ..results import files
 from ..results.columns import FINAL_STATUSES
 from ..results.contents import read_rows
 from ..results.provenance import provenance
+from ..results.timing_load import better_timing, machine_load, to_be_measured
 from .log import log_event, log_on_terminal
 from .plan import Chunk, chunks
 from .pool import Pool
@@ -128,18 +129,24 @@ def _device_of_workers(config: dict[str, Any], functions: TrialFunctions, pool: 
 def _make_extras(root: Path, cell: Cell, pool: Pool, functions: TrialFunctions) -> None:
     """Makes what is made once for each cell while no worker is busy: the Time column, a recording
     if asked for.
+
+    Times that were measured while the machine was busy are measured again.
     """
     folder = root / cell.id
-    _make_once(folder, "timing", lambda: {"seconds": pool.call(functions.time_steps, cell.config)})
+    stored = files.read_json(folder, "timing")
+    if to_be_measured(stored, machine_load()):
+
+        def make_timing() -> dict[str, Any]:
+            return better_timing(stored, pool.call(functions.time_steps, cell.config))
+
+        _make(folder, "timing", make_timing)
     trial = cell.config.get("record")
-    if trial is not None:
-        _make_once(folder, f"recording-{trial}", lambda: pool.call(functions.record, cell.config))
+    if trial is not None and files.read_json(folder, f"recording-{trial}") is None:
+        _make(folder, f"recording-{trial}", lambda: pool.call(functions.record, cell.config))
 
 
-def _make_once(folder: Path, name: str, make: Callable[[], Any]) -> None:
-    """Makes a JSON file that is missing; logs a failure and leaves the file out."""
-    if files.read_json(folder, name) is not None:
-        return
+def _make(folder: Path, name: str, make: Callable[[], Any]) -> None:
+    """Makes a JSON file; logs a failure and leaves the file as it is."""
     try:
         content = make()
     except StoppedAtOnce:

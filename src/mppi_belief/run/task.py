@@ -16,7 +16,7 @@ class TrialFunctions(NamedTuple):
 
     check: Callable[..., None]  # (config); raises where the configuration cannot be run
     run_trials: Callable[..., Any]  # (config, trials); an object with `rows`, `paths` and `scene`
-    time_steps: Callable[..., list[float]]  # (config); s, wall times of single control steps
+    time_steps: Callable[..., dict[str, Any]]  # (config); times and load, see `timing_load`
     failed_row: Callable[..., Row]  # (config, trial, status, error); a row without result
     record: Callable[..., dict[str, Any]]  # (config); one trial in detail as JSON
     device: Callable[..., str]  # (config); the name of what computes, raises where that is missing

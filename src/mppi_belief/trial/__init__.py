@@ -3,7 +3,7 @@
 from .build import CellParts, build, check
 from .device import device
 from .recording import record
-from .timing import time_steps
+from .timing import time_steps, time_steps_and_load
 from .trials import KEPT_PATHS, Batch, failed_row, run_trials
 
 __all__ = [
@@ -17,4 +17,5 @@ __all__ = [
     "record",
     "run_trials",
     "time_steps",
+    "time_steps_and_load",
 ]

@@ -2,11 +2,13 @@
 
 import functools
 import time
-from typing import Any
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import jax
 
 from ..belief.prior import sample_prior
+from ..results.timing_load import machine_load
 from ..simulate import (
     FILTER,
     INITIAL_DRAW,
@@ -20,15 +22,43 @@ from .build import CellParts, build
 from .device import computing
 
 
+class StepTime(NamedTuple):
+    """Holds how long one control step took."""
+
+    wall: float  # s
+    cpu: float  # s of this process, in all its threads
+
+
 def time_steps(config: dict[str, Any], calls: int = 200) -> list[float]:
     """Returns wall times (s) of single control steps in closed loop.
 
     They are compiled and warm, and each is waited for before the next.
     """
+    return [step.wall for step in _measured_steps(config, calls)]
+
+
+def time_steps_and_load(
+    config: dict[str, Any], calls: int = 200, load: Callable[[], float] = machine_load
+) -> dict[str, Any]:
+    """Returns the wall times of control steps with the load under which they were measured.
+
+    The keys are those of timing.json, see `results.timing_load`.
+    """
+    steps = _measured_steps(config, calls)
+    share = sum(step.cpu for step in steps) / sum(step.wall for step in steps)
+    return {
+        "seconds": [step.wall for step in steps],
+        "cpu_share": round(min(share, 1.0), 4) if config["platform"] == "cpu" else None,
+        "load": round(load(), 3),
+    }
+
+
+def _measured_steps(config: dict[str, Any], calls: int) -> list[StepTime]:
+    """Returns the times of single control steps, over as many trials as it takes."""
     with computing(config):
         parts = jax.device_put(build(config))
         act, respond = _step_functions()
-        times: list[float] = []
+        times: list[StepTime] = []
         trial = 0
         while len(times) < calls:
             times += _time_one_trial(parts, config["seed"], trial, act, respond)
@@ -47,8 +77,10 @@ def _step_functions() -> tuple[Any, Any]:
     return jax.jit(act), jax.jit(step_plant_and_filter)
 
 
-def _time_one_trial(parts: CellParts, seed: int, trial: int, act: Any, respond: Any) -> list[float]:
-    """Returns the wall times (s) of the control steps of one trial."""
+def _time_one_trial(
+    parts: CellParts, seed: int, trial: int, act: Any, respond: Any
+) -> list[StepTime]:
+    """Returns the times of the control steps of one trial."""
     problem, filter, controller = parts
     plant_key = role_key(seed, trial, PLANT)
     filter_key = role_key(seed, trial, FILTER)
@@ -67,8 +99,10 @@ def _time_one_trial(parts: CellParts, seed: int, trial: int, act: Any, respond: 
         known = controller_belief(controller, belief, x)
         key = jax.random.fold_in(planner_key, k)
         arguments = jax.block_until_ready((problem, controller, known, plan, key))
+        cpu_before = time.process_time()
         started = time.perf_counter()
         u, plan = jax.block_until_ready(act(*arguments))
-        times.append(time.perf_counter() - started)
+        wall = time.perf_counter() - started
+        times.append(StepTime(wall, time.process_time() - cpu_before))
         x, _, belief = respond(problem, filter, x, belief, u, plant_key, filter_key, k)
     return times

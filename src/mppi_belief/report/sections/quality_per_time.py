@@ -65,7 +65,7 @@ def quality_frame(groups: Sequence[Sequence[CellResults]]) -> pd.DataFrame:
         best = _best(group)
         for cell, setting in zip(group, setting_texts(group), strict=True):
             labels = {"method": cell.name, "setting": setting or "-"}
-            line = summary_text(cell.rows, labels, cell.seconds)
+            line = summary_text(cell.rows, labels, cell.seconds, cell.busy)
             line["samples"] = str(cell.samples or "-")
             line[ABOVE] = "-" if cell is best else interval_text(cost_difference(cell, best), 2)
             lines.append({name: line.get(name, "-") for name in QUALITY_COLUMNS})

@@ -16,7 +16,7 @@ from ..figures.animation import write_animation
 from ..figures.figure_1 import figure_1
 from ..frame_files import write_text_file
 from ..page import Picture, Section
-from ..summary import interval_text, summarise_trials
+from ..summary import interval_text, summarise_trials, time_text
 
 ANIMATION_GIF = "animation.gif"
 
@@ -75,7 +75,7 @@ def _text_line(title: str, cell: CellResults) -> dict[str, str]:
         "Paper: cost": f"{paper.cost} ± {paper.spread}" if paper else "-",
         "Collision %": interval_text(ours.collided.times(100), 1),
         "Paper: collision %": f"{_published_rate(paper):.1f}" if paper else "-",
-        "Time ms (p95)": "-" if math.isnan(ours.time) else f"{ours.time:.2f} ({ours.time_p95:.2f})",
+        "Time ms (p95)": "-" if math.isnan(ours.time) else time_text(ours, cell.busy),
         "Paper: ms": f"{paper.time:g}" if paper else "-",
     }
 
