@@ -1,6 +1,7 @@
 """The controller's options, limits and diagnostics."""
 
 from dataclasses import replace
+from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -247,6 +248,17 @@ def test_settings_without_meaning_are_refused(part, field, value):
         part(**{field: value})
 
 
-def test_paths_that_no_control_leads_along_have_no_covariance_of_their_own():
-    with pytest.raises(ValueError, match=r"PerPathCovariance needs controls"):
-        mb.MPPI(sampler=mb.InnovationSampler(), schedule=mb.PerPathCovariance())
+@mb.struct
+class OwnSchedule:
+    """Runs the filter along every path, as a schedule of the user's own."""
+
+    follows_controls: ClassVar[bool] = True
+
+    def plan(self, problem, path_cost, belief, controls):
+        return mb.PerPathCovariance().plan(problem, path_cost, belief, controls)
+
+
+@pytest.mark.parametrize("schedule", [mb.PerPathCovariance(), OwnSchedule()])
+def test_paths_that_no_control_leads_along_have_no_covariance_of_their_own(schedule):
+    with pytest.raises(ValueError, match=f"{type(schedule).__name__} needs controls"):
+        mb.MPPI(sampler=mb.InnovationSampler(), schedule=schedule)

@@ -14,7 +14,7 @@ from helpers import light_dark_problem, quick_jit
 from linear_system import lqr, random_problem
 from mppi_belief.belief.prior import prior, prior_mixture
 from mppi_belief.numerics.normals import standard_normal
-from mppi_belief.planning import feedback_policy
+from mppi_belief.planning import feedback_policy, policy_mixture
 from mppi_belief.planning import path_integral as pi
 from mppi_belief.planning.lq_problem import charge_weights
 
@@ -53,13 +53,13 @@ def sampled(
     @quick_jit
     def program(problem, policies, reference, key):
         eps = standard_normal(key, (HORIZON, 2, N))
-        controls, _, log_density = feedback_policy.feedback_rollouts(
+        controls, _, log_density = policy_mixture.feedback_rollouts(
             problem, jnp.asarray(problem.prior_mean), policies, second, eps
         )
         return (
             eps,
             controls,
-            feedback_policy.density_correction(reference, TEMPERATURE, controls, log_density),
+            policy_mixture.density_correction(reference, TEMPERATURE, controls, log_density),
         )
 
     return program(problem, policies, reference, key)
@@ -80,7 +80,7 @@ def plan(rng) -> np.ndarray:
 def test_of_a_linear_problem_with_quadratic_costs_all_paths_weigh_the_same(
     control_std, monkeypatch, x64, rng, plan
 ):
-    monkeypatch.setattr(feedback_policy, "about_nominal", lambda n, mirrored: np.zeros(n, bool))
+    monkeypatch.setattr(policy_mixture, "about_nominal", lambda n, mirrored: np.zeros(n, bool))
     problem = random_problem(rng, steps=HORIZON)
     keys = jax.random.split(jax.random.key(0), 1)
     planner = mb.MPPI(64, HORIZON, TEMPERATURE, sampler=mb.LaplaceSampler(control_std))
@@ -90,7 +90,7 @@ def test_of_a_linear_problem_with_quadratic_costs_all_paths_weigh_the_same(
 
 
 def test_of_a_linear_problem_the_matched_policy_is_that_of_lqr(monkeypatch, x64, rng, plan):
-    monkeypatch.setattr(feedback_policy, "about_nominal", lambda n, mirrored: np.zeros(n, bool))
+    monkeypatch.setattr(policy_mixture, "about_nominal", lambda n, mirrored: np.zeros(n, bool))
     problem = random_problem(rng, steps=HORIZON)
     planner = mb.MPPI(2, HORIZON, TEMPERATURE, sampler=mb.LaplaceSampler(antithetic=True))
     (u,), _ = act_on(problem, planner, plan, jax.random.split(jax.random.key(0), 1))
@@ -101,7 +101,7 @@ def test_of_a_linear_problem_the_matched_policy_is_that_of_lqr(monkeypatch, x64,
 
 
 def test_a_fifth_is_drawn_about_the_nominal_mirrored_pairs_together():
-    assert [feedback_policy.about_nominal(n, False).sum() for n in (1, 2, 5, 6, 20, 500)] == [
+    assert [policy_mixture.about_nominal(n, False).sum() for n in (1, 2, 5, 6, 20, 500)] == [
         1,
         1,
         1,
@@ -109,10 +109,10 @@ def test_a_fifth_is_drawn_about_the_nominal_mirrored_pairs_together():
         4,
         100,
     ]
-    assert not feedback_policy.about_nominal(2, False)[1]
+    assert not policy_mixture.about_nominal(2, False)[1]
     for n in (2, 19, 20, 500):
         half = (n + 1) // 2
-        chosen = feedback_policy.about_nominal(n, True)
+        chosen = policy_mixture.about_nominal(n, True)
         np.testing.assert_array_equal(chosen[half:], chosen[: n - half])
         assert chosen[:half].sum() == -(-half // 5)
 
@@ -140,7 +140,7 @@ def test_an_expansion_that_leads_far_astray_costs_no_more_than_its_samples(monke
     guided = act_on(problem, replace(GUIDED, n_samples=many), plan, keys)
     own = act_on(
         problem,
-        replace(PLANNER, n_samples=int(feedback_policy.about_nominal(many, False).sum())),
+        replace(PLANNER, n_samples=int(policy_mixture.about_nominal(many, False).sum())),
         plan,
         keys,
     )
@@ -187,7 +187,7 @@ def test_about_the_nominal_with_its_own_covariance_it_is_the_term_of_the_nominal
         problem, jnp.asarray(plan), TEMPERATURE, std, alpha
     )
     policy = feedback_policy.nominal_policy(problem, jnp.asarray(plan), TEMPERATURE, std)
-    second = feedback_policy.about_nominal(N, False)
+    second = policy_mixture.about_nominal(N, False)
     eps, controls, correction = sampled(
         problem, (policy, policy), reference, second, jax.random.key(2)
     )

@@ -23,7 +23,7 @@ from ..planning.parts import PathCost, PlanInfo, Sampler, Schedule
 from ..planning.path_costs import RiskSensitive
 from ..planning.path_weights import CostedPaths, Exponential, effective_sample_size, improve
 from ..planning.samplers import NominalSampler
-from ..planning.schedules import PerPathCovariance, SharedCovariance
+from ..planning.schedules import SharedCovariance
 from ..problem import Problem
 from ..structs import number, size, struct
 
@@ -53,11 +53,12 @@ class MPPI:
                     f"on the command line choose one with controller/{name}=NAME"
                 )
         disturbed = getattr(self.sampler, "disturbs_mean", False)
-        if disturbed and isinstance(self.schedule, PerPathCovariance):
-            kind = type(self.sampler).__name__
+        if disturbed and getattr(self.schedule, "follows_controls", False):
+            schedule = type(self.schedule).__name__
+            sampler = type(self.sampler).__name__
             raise ValueError(
-                "schedule=PerPathCovariance needs controls to run the filter along, and "
-                f"sampler={kind} draws paths that no control leads along: take SharedCovariance"
+                f"schedule={schedule} needs controls to run the filter along, and "
+                f"sampler={sampler} draws paths that no control leads along: take SharedCovariance"
             )
 
     def init(self, problem: Problem) -> Array:

@@ -117,6 +117,8 @@ class PlannedGaussian(PlannedBelief, Protocol):
 class Schedule(Protocol):
     """Says how the covariance along a path is planned."""
 
+    follows_controls: ClassVar[bool]  # whether the filter is run along the controls of every path
+
     def plan(
         self, problem: Problem, path_cost: PathCost, belief: Any, controls: Array
     ) -> PlannedBelief:

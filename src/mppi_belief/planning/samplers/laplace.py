@@ -1,39 +1,25 @@
 """Paths from the optimal feedback policy of the problem expanded about the nominal.
 
 One path in five is drawn about the nominal itself. The formulas are those of
-`mppi_belief.planning.feedback_policy`. Far fewer paths suffice than with the nominal sampler. In
-the limit of many paths the controls of both are the same, unless R dt > temperature /
-control_std^2.
+`planning.feedback_policy` and `planning.policy_mixture`. Far fewer paths suffice than with the
+nominal sampler. In the limit of many paths the controls of both are the same, unless
+R dt > temperature / control_std^2.
 """
-
-from typing import ClassVar
 
 from jax import Array
 
 from ...problem import Problem
-from ...structs import choice, number, struct
-from .. import feedback_policy
+from ...structs import struct
+from .. import feedback_policy, policy_mixture
 from ..lq_problem import time_varying_cost
 from ..parts import Draw, DrawnPaths, PathCost, PlannedBelief
-from ..path_integral import normals, shifted
+from ..path_integral import normals
+from .control_density import ControlDensity
 
 
 @struct
-class LaplaceSampler:
-    """Draws controls from the policy of the Laplace approximation.
-
-    Fields:
-        control_std: standard deviation of sampled controls; None for S_u = lambda R^-1 / dt
-        alpha: of the Girsanov term; None for nominal' R delta dt, which is alpha = 0 in the exact
-            case
-        antithetic: draw mirrored pairs: half the normals, less variance
-    """
-
-    control_std: float | None = number(default=None, gt=0, optional=True)
-    alpha: float | None = number(default=None, ge=0, le=1, optional=True)
-    antithetic: bool = choice(False, True, default=False)
-
-    disturbs_mean: ClassVar[bool] = False
+class LaplaceSampler(ControlDensity):
+    """Draws controls from the policy of the Laplace approximation."""
 
     def prepare(
         self,
@@ -63,17 +49,13 @@ class LaplaceSampler:
         def draw(key: Array, n: int) -> DrawnPaths:
             horizon, n_controls = nominal.shape
             eps = normals(key, (horizon, n_controls, n), self.antithetic)
-            second = feedback_policy.about_nominal(n, self.antithetic)
-            controls, means, log_density = feedback_policy.feedback_rollouts(
+            second = policy_mixture.about_nominal(n, self.antithetic)
+            controls, means, log_density = policy_mixture.feedback_rollouts(
                 problem, schedule.mean[0], (guide, fallback), second, eps
             )
-            correction = feedback_policy.density_correction(
+            correction = policy_mixture.density_correction(
                 reference, temperature, controls, log_density
             )
             return DrawnPaths(controls - nominal[:, :, None], means, correction)
 
         return draw
-
-    def warm_start(self, improved: Array) -> Array:
-        """Returns the improved plan (H, nu) one step later."""
-        return shifted(improved)

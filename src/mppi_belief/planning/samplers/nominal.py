@@ -7,32 +7,18 @@ Any other S_u = control_std^2 I is an importance density with the Girsanov term 
 S_u^-1 delta, gamma = lambda (1 - alpha) (Williams et al. 2018).
 """
 
-from typing import ClassVar
-
 from jax import Array
 
 from ...problem import Problem
-from ...structs import choice, number, struct
+from ...structs import struct
 from ..parts import Draw, DrawnPaths, PathCost, PlannedBelief
-from ..path_integral import girsanov, girsanov_weight, matched_increments, normals, shifted
+from ..path_integral import girsanov, girsanov_weight, matched_increments, normals
+from .control_density import ControlDensity
 
 
 @struct
-class NominalSampler:
-    """Draws controls about the nominal plan.
-
-    Fields:
-        control_std: standard deviation of sampled controls; None for S_u = lambda R^-1 / dt
-        alpha: of the Girsanov term; None for nominal' R delta dt, which is alpha = 0 in the exact
-            case
-        antithetic: draw mirrored pairs: half the normals, less variance
-    """
-
-    control_std: float | None = number(default=None, gt=0, optional=True)
-    alpha: float | None = number(default=None, ge=0, le=1, optional=True)
-    antithetic: bool = choice(False, True, default=False)
-
-    disturbs_mean: ClassVar[bool] = False
+class NominalSampler(ControlDensity):
+    """Draws controls about the nominal plan."""
 
     def prepare(
         self,
@@ -56,7 +42,3 @@ class NominalSampler:
             return DrawnPaths(increments, None, girsanov(nominal, increments, weight))
 
         return draw
-
-    def warm_start(self, improved: Array) -> Array:
-        """Returns the improved plan (H, nu) one step later."""
-        return shifted(improved)

@@ -9,7 +9,7 @@ docs/beyond/belief_joint.md says what it optimises.
 """
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -29,6 +29,8 @@ from .shared import GaussianPlan
 @struct
 class PerPathCovariance:
     """Plans a covariance along every sampled path; of a mixture, from its mean and covariance."""
+
+    follows_controls: ClassVar[bool] = True
 
     def plan(
         self, problem: Problem, path_cost: PathCost, belief: Any, controls: Array

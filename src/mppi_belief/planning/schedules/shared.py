@@ -8,7 +8,7 @@ present values over the horizon.
 """
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -33,6 +33,8 @@ class SharedCovariance:
 
     method: str = choice("filter", "riccati", default="filter")
     components: bool = choice(True, False, default=True)
+
+    follows_controls: ClassVar[bool] = False
 
     def plan(
         self, problem: Problem, path_cost: PathCost, belief: Any, controls: Array
