@@ -318,8 +318,11 @@ def test_no_label_leaves_the_figure_or_runs_into_another():
     boxes = [text.get_window_extent() for text in texts if text.get_text() and text.get_visible()]
     assert len(boxes) > 12
     assert not any(first.overlaps(second) for first, second in itertools.combinations(boxes, 2))
-    inside = itertools.chain.from_iterable(axes.texts for axes in figure.axes)
-    for box in [*boxes, *(text.get_window_extent() for text in inside)]:
+    inside = [text for axes in figure.axes for text in axes.texts if text.get_visible()]
+    labels = [text.get_window_extent() for text in inside]
+    assert len(labels) >= 16
+    assert not any(first.overlaps(second) for first, second in itertools.combinations(labels, 2))
+    for box in [*boxes, *labels]:
         assert 0 <= box.x0 < box.x1 <= figure.bbox.x1
         assert 0 <= box.y0 < box.y1 <= figure.bbox.y1
 

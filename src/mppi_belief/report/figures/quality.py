@@ -7,10 +7,12 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.text import Annotation
 from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator
 
 from ..cell_results import METHOD_NAMES, CellResults, by_method, differing_labels
 from ..statistics import Estimate
+from .point_labels import place_labels
 from .points import collision_rate, dodge, draw_estimates, mean_of, step_time
 from .style import COLUMN, STYLE, drawing_style, method_look, method_order
 
@@ -31,6 +33,7 @@ def quality_figure(cells: Sequence[CellResults]) -> Figure | None:
     with drawing_style(STYLE):
         figure = Figure(figsize=(2 * COLUMN, 4.6), layout="constrained")
         panels = figure.subplots(2, 2, sharex="col", sharey="row")
+        marks: list[Annotation] = []
         for row, estimate in zip(panels, (mean_of("cost"), collision_rate), strict=True):
             for index, method in enumerate(methods):
                 group = groups[method]
@@ -39,10 +42,11 @@ def quality_figure(cells: Sequence[CellResults]) -> Figure | None:
                 paths = dodge(numbers, index, len(methods), ratio=1.06)
                 _draw_method(row[0], times, group, estimate, label=_legend_text(method, group))
                 _draw_method(row[1], paths, group, estimate)
-                _annotate_settings(row[0], times, group, estimate, above=index == 0)
+                marks += _settings_of_points(row[0], times, group, estimate)
         _label_quality_axes(panels)
         handles, labels = panels[0, 0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside lower center", ncols=4)
+        place_labels(figure, marks)
         return figure
 
 
@@ -67,23 +71,18 @@ def _legend_text(method: str, cells: Sequence[CellResults]) -> str:
     return f"{name}: {', '.join(keys)}" if keys else name
 
 
-def _annotate_settings(
-    axes: Axes, x: Sequence[float], cells: Sequence[CellResults], estimate: Estimator, above: bool
-) -> None:
-    """Writes the settings in which the cells of one method differ beside their points."""
-    style: Any = {"color": method_look(cells[0].method).colour, "fontsize": 7, "va": "center"}
-    offset = (4, 6 if above else -6)  # points
+def _settings_of_points(
+    axes: Axes, x: Sequence[float], cells: Sequence[CellResults], estimate: Estimator
+) -> list[Annotation]:
+    """Returns the settings in which the cells of one method differ as labels, to be placed."""
+    style: Any = {"color": method_look(cells[0].method).colour, "fontsize": 7, "zorder": 1}
+    marks = []
     for position, cell, labels in zip(x, cells, differing_labels(cells), strict=True):
-        value = estimate(cell).value
-        if math.isfinite(position) and math.isfinite(value):
-            axes.annotate(
-                ", ".join(labels.values()),
-                (position, value),
-                offset,
-                textcoords="offset points",
-                zorder=1,  # below the data
-                **style,
-            )
+        point = (position, estimate(cell).value)
+        if labels and all(math.isfinite(value) for value in point):
+            text = ", ".join(labels.values())
+            marks.append(axes.annotate(text, point, (0, 0), textcoords="offset points", **style))
+    return marks
 
 
 def _label_quality_axes(panels: np.ndarray) -> None:

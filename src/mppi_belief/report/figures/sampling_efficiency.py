@@ -5,9 +5,11 @@ from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.text import Annotation
 from matplotlib.ticker import LogLocator, NullFormatter
 
 from ..cell_results import METHOD_NAMES, CellResults
+from .point_labels import place_labels
 from .points import draw_estimates, mean_of, step_time
 from .style import COLUMN, STYLE, drawing_style, method_look, method_order
 
@@ -26,16 +28,18 @@ def proposals_figure(cells: Sequence[CellResults]) -> Figure | None:
     if not shown:
         return None
     with drawing_style(STYLE):
-        figure = Figure(figsize=(2 * COLUMN, 2.5), layout="constrained")
+        figure = Figure(figsize=(2 * COLUMN, 2.9), layout="constrained")
         panels = figure.subplots(1, 2)
+        marks: list[Annotation] = []
         for method in sorted({cell.method for cell in shown}, key=method_order):
             for proposal in PROPOSAL_STYLES:
                 key = (method, proposal)
                 curve = [cell for cell in shown if (cell.method, cell.labels[PROPOSAL_KEY]) == key]
-                _draw_proposal(panels, sorted(curve, key=_samples), method, proposal)
+                marks += _draw_proposal(panels, sorted(curve, key=_samples), method, proposal)
         _label_proposal_axes(panels)
         handles, labels = panels[0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside lower center", ncols=4)
+        place_labels(figure, marks)
         return figure
 
 
@@ -45,8 +49,11 @@ def _samples(cell: CellResults) -> int:
 
 def _draw_proposal(
     panels: Sequence[Axes], curve: Sequence[CellResults], method: str, proposal: str
-) -> None:
-    """Draws the cells of one method and proposal in both panels, with the numbers of samples."""
+) -> list[Annotation]:
+    """Draws the cells of one method and proposal in both panels.
+
+    Returns the numbers of samples as labels of the points on the left, still to be placed.
+    """
     times = [step_time(cell).value for cell in curve]
     label = f"{METHOD_NAMES.get(method, method)}, {proposal}"
     for axes, column in zip(panels, ("cost", "ess"), strict=True):
@@ -54,12 +61,13 @@ def _draw_proposal(
         style = PROPOSAL_STYLES[proposal]
         draw_estimates(axes, times, estimates, method_look(method), label=label, **style)
 
-    offset = (0, -9 if proposal == "laplace" else 4)  # points
-    for time, cell in zip(times, curve, strict=True):
-        point = (time, mean_of("cost")(cell).value)
+    label_style: Any = {"textcoords": "offset points", "color": method_look(method).colour}
+    return [
         panels[0].annotate(
-            str(cell.samples), point, offset, textcoords="offset points", size=6, ha="center"
+            str(cell.samples), (time, mean_of("cost")(cell).value), (0, 0), **label_style
         )
+        for time, cell in zip(times, curve, strict=True)
+    ]
 
 
 def _label_proposal_axes(panels: Sequence[Axes]) -> None:
