@@ -3,6 +3,7 @@
 import gc
 import itertools
 import os
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -13,6 +14,7 @@ import pytest
 import mppi_belief as mb
 from helpers import Scalar, float64, light_dark_problem, quick_jit
 from mppi_belief.config import targets
+from mppi_belief.run import slow_starts
 
 ENDED = itertools.count(1)  # tests of this process
 # XLA's older and simpler kernels, all in one piece: they compile in a half to a quarter of the time
@@ -42,6 +44,14 @@ compile_simply()
 def own_parts() -> None:
     """Allows configurations to name the classes of the tests' own modules."""
     targets.allow([Path(__file__).parent])
+
+
+@pytest.fixture(autouse=True, scope="session")
+def no_slow_starts() -> None:
+    """Keeps lines about slow starts, which depend on the machine's speed, out of what tests read;
+    commands in processes of their own still write them.
+    """
+    slow_starts.PATIENCE = threading.TIMEOUT_MAX
 
 
 @pytest.fixture(autouse=True)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import pandas as pd
 
-from cli_helpers import COMMAND
+from cli_helpers import COMMAND, without_slow_starts
 from mppi_belief.results.contents import read_rows
 from study_helpers import poll
 
@@ -40,7 +40,7 @@ def run(folder: Path, *args: str, n_trials: int = TRIALS) -> Ended:
     done = subprocess.run(
         command, cwd=folder, capture_output=True, text=True, timeout=300, check=False
     )
-    return Ended(done.returncode, done.stderr, time.monotonic() - began)
+    return Ended(done.returncode, without_slow_starts(done.stderr), time.monotonic() - began)
 
 
 def rows(folder: Path) -> pd.DataFrame:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from cli_helpers import started
+from cli_helpers import started, without_slow_starts
 from mppi_belief.results import table as results
 from slurm_helpers import SLURM, STUDY, TRIALS, jobs, no_jobs, parts, rows, run
 from study_helpers import limited, poll
@@ -42,7 +42,7 @@ def begun(folder: Path, *args: str):
 
 
 def logged_lines(folder: Path) -> list[str]:
-    return (folder / "stderr.txt").read_text().splitlines()
+    return without_slow_starts((folder / "stderr.txt").read_text()).splitlines()
 
 
 def same(first_folder: Path, second_folder: Path) -> bool:

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import pandas as pd
 
-from cli_helpers import COMMAND, TIMEOUT, started
+from cli_helpers import COMMAND, TIMEOUT, started, without_slow_starts
 from gate_helpers import EVERYTHING, GATED, Gate
 from mppi_belief.results import table as results
 from mppi_belief.results.contents import read_rows
@@ -67,7 +67,8 @@ class Run:
             check=False,
             **how,
         )
-        return Ended(done.returncode, done.stdout, done.stderr, time.monotonic() - began)
+        err = without_slow_starts(done.stderr)
+        return Ended(done.returncode, done.stdout, err, time.monotonic() - began)
 
     def gate(self, admitted: int = EVERYTHING) -> Gate:
         """Returns a new gate, which admits so many trials of a command that is begun with it."""
@@ -87,7 +88,7 @@ class Run:
     @property
     def err(self) -> str:
         """Returns what the command in the background wrote to stderr."""
-        return (self.folder / "stderr.txt").read_text()
+        return without_slow_starts((self.folder / "stderr.txt").read_text())
 
     def parts(self) -> set[Path]:
         return set(self.root.glob("*/part-*.parquet"))

@@ -19,6 +19,7 @@ from ..results.contents import CellContents, belongs, path_of, read_cell
 from ..results.folder import choose_cell
 from ..results.provenance import provenance
 from ..results.sources import row_of
+from ..run.slow_starts import announced
 from . import exit_codes
 from .results_request import ResultsRequest
 from .tables import commit_label
@@ -137,7 +138,8 @@ def _run_and_compare(stored: StoredTrial, source_now: dict[str, Any]) -> int:
         print(f"not as it was then: {'; '.join(changes)}")
 
     # The comparison.
-    batch = rerun(config, stored.trial, traceback.print_exception)
+    with announced(f"{stored.folder.name}: compiling and computing trial {stored.trial}"):
+        batch = rerun(config, stored.trial, traceback.print_exception)
     deviations = differences(row, batch.rows[0], stored.path, batch.paths, config["precision"])
     for difference in deviations:
         print(_difference_line(difference, config["precision"]))

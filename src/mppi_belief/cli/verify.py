@@ -153,6 +153,7 @@ def verify_system(request: Request, config: dict[str, Any], settings: Sequence[s
     from ..results.certificate_files import StoredCertificate, store_certificate
     from ..results.files import probe
     from ..results.provenance import provenance
+    from ..run.slow_starts import announced
     from ..trial import build, check
     from ..verify.own_system import what_holds
 
@@ -169,7 +170,8 @@ def verify_system(request: Request, config: dict[str, Any], settings: Sequence[s
     began = time.perf_counter()
     temperature = config["planner"]["temperature"]
     name = "-".join(options.values())
-    certificate = what_holds(*build(config), temperature, config["seed"], name, title)
+    with announced(f"{name}: compiling and computing its conditions"):
+        certificate = what_holds(*build(config), temperature, config["seed"], name, title)
     seconds = time.perf_counter() - began
     source = provenance(list(request.command)) | {"seed": config["seed"]}
     store_certificate(folder, StoredCertificate(certificate, seconds, source))

@@ -16,3 +16,9 @@ def log_on_terminal(line: str) -> None:
     """Writes a line for those who watch: nothing where stderr is no terminal."""
     if sys.stderr.isatty():
         log_event(line)
+
+
+def log_off_terminal(line: str) -> None:
+    """Writes a line for those who read a log: nothing where stderr is a terminal."""
+    if not sys.stderr.isatty():
+        log_event(line)

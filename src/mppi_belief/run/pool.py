@@ -29,6 +29,7 @@ from .chunk_queue import ChunkQueue
 from .crashes import STRIKES, CrashJudge
 from .plan import Chunk, Job
 from .signals import StoppedAtOnce
+from .slow_starts import SlowStarts
 from .watchdog import Watchdog
 from .worker import ChunkReport, Failure, TimeLimitExceeded, call_within, not_done_after, run_chunk
 from .workers import WorkerDied, Workers, WorkersGone
@@ -66,6 +67,7 @@ class Pool:
         self._queue = ChunkQueue(workers.grain, workers.count)
         self._crashes = CrashJudge(seconds)
         self._watchdog = Watchdog(workers, seconds)
+        self._slow_starts = SlowStarts()
         self._running: dict[Future[Any], Chunk] = {}
         self._stopping = threading.Event()
 
@@ -119,6 +121,7 @@ class Pool:
 
             for future, chunk in self._running.items():
                 self._watchdog.check(future, len(chunk.batches))
+                self._slow_starts.running(chunk.job.id)
             tick()
 
     def call(self, function: Callable[..., Any], *args: Any) -> Any:
@@ -185,6 +188,7 @@ class Pool:
         Trials without a result are queued again.
         """
         chunk = self._running.pop(future)
+        self._slow_starts.ended(chunk.job.id)
         ended_for_time = self._watchdog.release(future)
         try:
             report: ChunkReport = self._workers.collect(future)

@@ -18,6 +18,7 @@ from .log import log_event, log_on_terminal
 from .plan import Chunk, chunks
 from .pool import Pool
 from .signals import StoppedAtOnce, polite_stop
+from .slow_starts import announced
 from .task import StudyOrder, StudyOutcome, TrialFunctions
 from .workers import WorkerDied, Workers
 from .writer import ResultsWriter
@@ -56,7 +57,8 @@ def run_study(
         log_event("stopping: finishing the trials that run; once more to stop at once")
 
     with polite_stop(stop) as stop_request, pool:
-        writer.provenance["device"] = _check_all(missing, root, functions, pool, workers)
+        with announced("compiling and checking what is to be run"):
+            writer.provenance["device"] = _check_all(missing, root, functions, pool, workers)
         _run_chunks(pool, missing, writer, ran, sum(done_before.values()))
         for cell in cells if order.shard.i == 1 else ():
             if stop_request.number is None:
@@ -148,7 +150,8 @@ def _make_extras(root: Path, cell: Cell, pool: Pool, functions: TrialFunctions) 
 def _make(folder: Path, name: str, make: Callable[[], Any]) -> None:
     """Makes a JSON file; logs a failure and leaves the file as it is."""
     try:
-        content = make()
+        with announced(f"{folder.name}: compiling and computing its {name}"):
+            content = make()
     except StoppedAtOnce:
         raise
     except Exception as error:
