@@ -125,12 +125,13 @@ bench-scale: develop  ## measure whole studies, many samples, long runs, sweeps 
 bench-cluster: develop  ## measure the costs of handing out chunks and of storing rows, into outputs/bench/
 	$(BIN)/python benchmarks/cluster.py $(ARGS)
 
-picture: develop  ## draw the pictures of README, docs/theory.md and docs/architecture.md
+picture: develop  ## draw the pictures of README, docs/theory.md, docs/architecture.md and the notebook
 	$(BIN)/mppi-belief run experiment=table_1 controller=belief,ce
 	$(BIN)/python docs/scripts/readme_picture.py
 	$(BIN)/mppi-belief verify cole_hopf feynman_kac control_law entropic_risk
 	$(BIN)/python docs/scripts/architecture_picture.py
 	$(BIN)/python docs/scripts/commands_page.py
+	$(BIN)/python docs/scripts/run_notebook.py
 	for name in cole_hopf feynman_kac control_law entropic_risk; do \
 	  cp outputs/verify/$$name.png docs/img/theory_$$name.png; done
 
