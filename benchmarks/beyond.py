@@ -20,16 +20,16 @@ from mppi_belief.config import environment
 
 environment.prepare()
 
-import jax  # noqa: E402  the environment must be set before JAX starts
+import jax  # the environment must be set before JAX starts
 
-from document import write_between  # noqa: E402
-from environments import ROOT  # noqa: E402
-from mppi_belief.belief.prior import sample_prior  # noqa: E402
-from mppi_belief.config.compose import collect  # noqa: E402
-from mppi_belief.config.request import Request  # noqa: E402
-from mppi_belief.numerics.jax_settings import pin_jax_settings  # noqa: E402
-from mppi_belief.results.provenance import provenance  # noqa: E402
-from mppi_belief.simulate import (  # noqa: E402
+from document import write_between
+from environments import ROOT
+from mppi_belief.belief.prior import sample_prior
+from mppi_belief.config.compose import collect
+from mppi_belief.config.request import Request
+from mppi_belief.numerics.jax_settings import pin_jax_settings
+from mppi_belief.results.provenance import provenance
+from mppi_belief.simulate import (
     FILTER,
     INITIAL_DRAW,
     PLANNER,
@@ -38,9 +38,9 @@ from mppi_belief.simulate import (  # noqa: E402
     role_key,
     step_plant_and_filter,
 )
-from mppi_belief.trial import build  # noqa: E402
-from rounds import one_cpu, say  # noqa: E402
-from table import origin  # noqa: E402
+from mppi_belief.trial import build
+from rounds import one_cpu, say
+from table import origin
 
 # JAX keeps the dispatch that it starts with, so this precedes the first computation.
 pin_jax_settings()

@@ -17,18 +17,18 @@ from mppi_belief.config import environment
 
 environment.prepare()
 
-import jax  # noqa: E402  the environment must be set before JAX starts
-import numpy as np  # noqa: E402
-from jax import Array  # noqa: E402
+import jax  # the environment must be set before JAX starts
+import numpy as np
+from jax import Array
 
-from document import write_between  # noqa: E402
-from environments import ROOT  # noqa: E402
-from mppi_belief import MPPI  # noqa: E402
-from mppi_belief.config.compose import collect  # noqa: E402
-from mppi_belief.config.request import Request  # noqa: E402
-from mppi_belief.numerics.jax_settings import pin_jax_settings  # noqa: E402
-from mppi_belief.simulate import closed_loop  # noqa: E402
-from mppi_belief.trial import CellParts, build, time_steps  # noqa: E402
+from document import write_between
+from environments import ROOT
+from mppi_belief import MPPI
+from mppi_belief.config.compose import collect
+from mppi_belief.config.request import Request
+from mppi_belief.numerics.jax_settings import pin_jax_settings
+from mppi_belief.simulate import closed_loop
+from mppi_belief.trial import CellParts, build, time_steps
 
 # JAX keeps the dispatch that it starts with, so this precedes the first computation.
 pin_jax_settings()

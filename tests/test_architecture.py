@@ -3,17 +3,14 @@ graph.
 """
 
 import re
-import sys
 from pathlib import Path
 
 import pytest
 
+import architecture_picture
+import import_graph
+
 ROOT = Path(__file__).resolve().parents[1]
-sys.path.append(str(ROOT / "docs" / "scripts"))
-
-import architecture_picture  # noqa: E402
-import import_graph  # noqa: E402
-
 PAGE = (ROOT / "docs" / "architecture.md").read_text()
 MOST_WRAPPERS = 3  # of a row between the worker and the table
 

@@ -12,25 +12,23 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import beyond
+import compare
+import contestants
+import control_step
+import document
+import environments
+import plant
+import remote
+import rounds
+import subject
+import table
+import workload as work
 from cli_helpers import collect, restored
+from mppi_belief.trial import build
 
 ROOT = Path(__file__).resolve().parents[1]
 FOLDER = ROOT / "benchmarks"
-sys.path.insert(0, str(FOLDER))
-
-import beyond  # noqa: E402
-import compare  # noqa: E402
-import contestants  # noqa: E402
-import control_step  # noqa: E402
-import document  # noqa: E402
-import environments  # noqa: E402
-import plant  # noqa: E402
-import remote  # noqa: E402
-import rounds  # noqa: E402
-import subject  # noqa: E402
-import table  # noqa: E402
-import workload as work  # noqa: E402
-from mppi_belief.trial import build  # noqa: E402
 
 
 @pytest.fixture(scope="module")

@@ -2,23 +2,19 @@
 
 import re
 import shlex
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 import matplotlib.pyplot as plt
 import pytest
 
+import commands_page
 import study_helpers
 from cli_helpers import collect
 from documents import DOCUMENTS, ROOT, code_blocks
 from experiment_helpers import compiled_quickly
 from mppi_belief.results import table
 from mppi_belief.results.certificate import CERTIFICATE_NAMES
-
-sys.path.append(str(ROOT / "docs" / "scripts"))
-
-import commands_page
 
 README_LINES = 100
 
@@ -89,9 +85,6 @@ def test_documented_runs_compose(arguments):
         assert collect(*words)
 
 
-@pytest.mark.skipif(
-    sys.version_info >= (3, 13), reason="argparse of Python 3.13 prints options differently"
-)
 def test_the_page_of_commands_has_the_help_of_today():
     page = commands_page.PAGE.read_text()
     assert page == commands_page.with_help(page), "run docs/scripts/commands_page.py"

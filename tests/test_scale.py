@@ -2,28 +2,24 @@
 
 import json
 import os
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+import document
+import rounds
+import scale
 import study_helpers
 from cli_helpers import restored
 from mppi_belief.results import table as results
+from remote import SubjectError
+from scaling import long_run, samples, start_up, sweep, table_1
+from scaling.processes import CommandError, Ended
+from scaling.sizes import QUICK, Sizes
 
 ROOT = Path(__file__).resolve().parents[1]
 FOLDER = ROOT / "benchmarks"
-sys.path.insert(0, str(FOLDER))
-
-import document  # noqa: E402
-import rounds  # noqa: E402
-import scale  # noqa: E402
-from remote import SubjectError  # noqa: E402
-from scaling import long_run, samples, start_up, sweep, table_1  # noqa: E402
-from scaling.processes import CommandError, Ended  # noqa: E402
-from scaling.sizes import QUICK, Sizes  # noqa: E402
-
 SOURCE = {
     **{
         "started": "today",

@@ -1,16 +1,14 @@
 """The measures of style find what they are meant to find, and only that."""
 
-import sys
 from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).resolve().parents[1]
-sys.path.append(str(ROOT / "docs" / "scripts"))
+import style_measures as measures
+import style_report
+from style_checkout import modules
 
-import style_measures as measures  # noqa: E402
-import style_report  # noqa: E402
-from style_checkout import modules  # noqa: E402
+ROOT = Path(__file__).resolve().parents[1]
 
 
 @pytest.fixture

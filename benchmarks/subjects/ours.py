@@ -12,14 +12,14 @@ from mppi_belief.config import environment
 
 environment.prepare()
 
-import jax  # noqa: E402  the environment must be set before JAX starts
-import jax.numpy as jnp  # noqa: E402
+import jax  # the environment must be set before JAX starts
+import jax.numpy as jnp
 
-from mppi_belief.config.compose import collect  # noqa: E402
-from mppi_belief.config.request import Request  # noqa: E402
-from mppi_belief.numerics.jax_settings import pin_jax_settings  # noqa: E402
-from mppi_belief.trial import build, time_steps  # noqa: E402
-from plant import WARM_UP, Workload, judge, plant_step  # noqa: E402
+from mppi_belief.config.compose import collect
+from mppi_belief.config.request import Request
+from mppi_belief.numerics.jax_settings import pin_jax_settings
+from mppi_belief.trial import build, time_steps
+from plant import WARM_UP, Workload, judge, plant_step
 
 # JAX keeps the dispatch that it starts with, so this precedes the first computation.
 pin_jax_settings()

@@ -7,9 +7,6 @@ from pathlib import Path
 import pytest
 
 import study_helpers
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
-
 from scaling import processes
 from scaling.processes import CommandError
 

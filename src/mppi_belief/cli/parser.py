@@ -149,3 +149,13 @@ class _HelpFormatter(argparse.RawDescriptionHelpFormatter):
     def __init__(self, prog: str) -> None:
         columns = shutil.get_terminal_size().columns
         super().__init__(prog, max_help_position=24, width=max(60, min(columns, WIDTH)))
+
+    def _format_action_invocation(self, action: argparse.Action) -> str:
+        """Returns the spellings of an option and its value once, as Python 3.13 prints them.
+
+        Earlier versions repeat the value after every spelling.
+        """
+        if not action.option_strings or action.nargs == 0:
+            return super()._format_action_invocation(action)
+        metavar = self._get_default_metavar_for_optional(action)
+        return f"{', '.join(action.option_strings)} {self._format_args(action, metavar)}"
