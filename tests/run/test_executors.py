@@ -8,15 +8,15 @@ import pytest
 
 from cli_helpers import SMALL, call, collect, files_in
 from mppi_belief.config.cell import Cell
-from mppi_belief.errors import ConfigError
-from mppi_belief.run import start_workers
-from mppi_belief.run.dask import DaskWorkers
-from mppi_belief.run.executors import (
+from mppi_belief.config.executors import (
     DaskExecutor,
     LocalExecutor,
     SlurmExecutor,
     read_executor,
 )
+from mppi_belief.errors import ConfigError
+from mppi_belief.run import start_workers
+from mppi_belief.run.dask import DaskWorkers
 from mppi_belief.run.local import LocalWorkers
 from mppi_belief.run.start_workers import make_workers
 from mppi_belief.run.worker import WorkerSetup

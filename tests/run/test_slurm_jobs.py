@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 
 from cli_helpers import python
+from mppi_belief.config.executors import SlurmExecutor
 from mppi_belief.errors import ConfigError
 from mppi_belief.run import slurm
-from mppi_belief.run.executors import SlurmExecutor
 from mppi_belief.run.slurm import SlurmJobs
 from mppi_belief.run.slurm_script import job_script
 from mppi_belief.run.workers import WorkersGone
@@ -178,7 +178,7 @@ def test_the_answer_to_a_signal_stays_ours(tmp_path):
     """Importing dask_jobqueue sets another one."""
     code = """
 import signal
-from mppi_belief.run.executors import SlurmExecutor
+from mppi_belief.config.executors import SlurmExecutor
 from mppi_belief.run.slurm_script import job_script
 before = signal.getsignal(signal.SIGINT)
 job_script(SlurmExecutor(), 1, "mine", "tcp://here:1")

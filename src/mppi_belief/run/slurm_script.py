@@ -6,7 +6,7 @@ import signal
 import sys
 from typing import Any
 
-from .executors import SlurmExecutor
+from ..config.executors import SlurmExecutor
 from .signals import masked
 
 

@@ -8,9 +8,9 @@ from collections.abc import Callable
 from importlib.util import find_spec
 from typing import Any
 
+from ..config.executors import DaskExecutor, LocalExecutor, SlurmExecutor, read_executor
 from ..errors import ConfigError, first_line
 from .dask import DaskWorkers, SchedulerConnection, close_cluster
-from .executors import DaskExecutor, LocalExecutor, SlurmExecutor, read_executor
 from .local import LocalWorkers
 from .signals import masked
 from .slurm import SlurmJobs
