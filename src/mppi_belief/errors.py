@@ -13,6 +13,15 @@ class ConfigError(Exception):
         super().__init__(plain_line(message))
 
 
+class FieldError(ConfigError):
+    """Says what is wrong with the value of one key, which may be taken from another key."""
+
+    def __init__(self, key: str, reason: str) -> None:
+        super().__init__(f"{key}{reason}")
+        self.key = key  # dotted, of the composed configuration
+        self.reason = reason  # follows the key in the message: " must be at least 1, got 0"
+
+
 def plain_line(text: str) -> str:
     """Returns the text as one line that any terminal can print.
 

@@ -116,13 +116,16 @@ class Choice:
 
 @dataclasses.dataclass(frozen=True)
 class Text:
-    """Accepts a string that a regular expression matches as a whole."""
+    """Accepts a string that a regular expression matches as a whole, and None where optional."""
 
     pattern: str
     description: str  # completes "must be ...", with an example: "an amount such as 2GB"
+    optional: bool = False  # whether None is allowed
 
-    def check(self, value: Any) -> str:
+    def check(self, value: Any) -> str | None:
         """Returns the value as it is."""
+        if value is None and self.optional:
+            return None
         if not isinstance(value, str) or not re.fullmatch(self.pattern, value):
             raise ValueError(f"must be {self.description}, got {value!r}")
         return value

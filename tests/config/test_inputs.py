@@ -323,15 +323,15 @@ YAML = {
     ),
     "a path tag": (
         b"_target_: mppi_belief.LQG\nhorizon: !!python/object/apply:pathlib.Path [x]\n",
-        r"horizon must be a number",
+        r"bad\.yaml:2: could not determine a constructor",
     ),
     "bytes": (
         b"_target_: mppi_belief.LQG\nhorizon: !!binary aGk=\n",
         r"horizon must be a number",
     ),
     "keys of numbers": (b"_target_: mppi_belief.LQG\n1: 2\n", r"controller/bad\.yaml: Key .*1"),
-    "a list": (b"[1, 2]\n", r"bad"),
-    "a word": (b"hello\n", r"controller has no _target_"),
+    "a list": (b"[1, 2]\n", r"bad\.yaml: must hold lines KEY: VALUE, holds \[1, 2\]"),
+    "a word": (b"hello\n", r"bad\.yaml: must hold lines KEY: VALUE, holds 'hello'"),
     "nothing": (b"", r"controller has no _target_"),
     "two documents": (b"a: 1\n---\nb: 1\n", r"bad\.yaml:\d: but found another document"),
     "other code": (

@@ -7,12 +7,13 @@ from functools import partial
 from pathlib import Path
 
 from ..config.cell import Cell
+from ..config.reference import reference_folder
 from ..errors import counted
 from ..report.cell_results import CellResults, read_cell_results
 from ..report.drawing import drawn
 from ..report.summary import BUSY_NOTE, aligned_text, label_text, summary_text
 from ..run.task import StudyOutcome
-from .results_request import default_root
+from .results_request import ONLY_SETTING
 
 
 def show_overview(
@@ -52,8 +53,8 @@ def show_overview(
 def replay_command(cell_id: str, trial: int, root: Path, config_dirs: Sequence[str]) -> str:
     """Returns the command that replays a trial, to be copied into a shell."""
     words = ["mppi-belief", "replay", cell_id, str(trial)]
-    if root != Path(default_root()):
-        words.append(f"results_dir={root}")
+    if root != reference_folder(ONLY_SETTING):
+        words.append(f"{ONLY_SETTING}={root}")
     for folder in config_dirs:
         words += ["--config-dir", folder]
     return shlex.join(words)

@@ -6,11 +6,13 @@ import textwrap
 from collections.abc import Sequence
 from typing import Any
 
+from ..config.folders import home_expanded
 from ..config.request import Request
 from ..errors import ConfigError, unknown_key
 from . import exit_codes
 
 WIDTH = 100  # of help texts
+PATHS = ("DIR", "FILE")  # what options that take paths call their value in help texts
 OVERRIDE_SIGNS = ("+", "~")  # +KEY=VALUE adds a key, ~KEY removes one
 
 
@@ -48,7 +50,18 @@ class CommandParser(argparse.ArgumentParser):
         for word in [*unknown, *namespace.words]:
             if word.startswith("-"):
                 raise ConfigError(self._unknown(word.partition("=")[0]))
+        for action in self._actions:
+            if action.metavar in PATHS:
+                self._expand_home(action, namespace)
         return namespace
+
+    def _expand_home(self, action: argparse.Action, namespace: argparse.Namespace) -> None:
+        """Puts the home folder for `~`, which a shell leaves as it is in `--to=~/x`."""
+        try:
+            paths = [home_expanded(path) for path in getattr(namespace, action.dest)]
+        except ValueError as error:
+            raise ConfigError(f"{action.option_strings[0]} {error}") from None
+        setattr(namespace, action.dest, paths)
 
     def error(self, message: str) -> Any:
         """Raises `ConfigError` where argparse would end the process."""

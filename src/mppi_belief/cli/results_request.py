@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+from ..config.reference import reference_folder
 from ..errors import ConfigError, unknown_key
 from .parser import CommandParser
 
@@ -35,18 +36,7 @@ def read_request(parser: CommandParser, args: Sequence[str]) -> ResultsRequest:
         else:
             see = f"mppi-belief {parser.name} --help"
             raise ConfigError(unknown_key(name, [ONLY_SETTING], see=see))
-    if root is None:
-        root = default_root()
-    if not root.strip():
-        raise ConfigError("results_dir must name a folder")
-    return ResultsRequest(words, options, Path(root))
-
-
-def default_root() -> str:
-    """Returns the results folder of conf/config.yaml."""
-    from ..config.reference import reference_settings
-
-    return str(reference_settings()[ONLY_SETTING])
+    return ResultsRequest(words, options, reference_folder(ONLY_SETTING, root))
 
 
 def matching_cells(root: Path, beginning: str) -> list[str]:

@@ -57,6 +57,7 @@ def main(args: Sequence[str]) -> int:
     """Runs the trials that a command line asks for; returns the exit code."""
     from ..config import environment
     from ..config.compose import collect
+    from ..config.written_keys import written_keys
     from .show_configuration import groups_and_keys, show, wants_printing
 
     request = parse(args)
@@ -67,7 +68,8 @@ def main(args: Sequence[str]) -> int:
         return show(request)
     configs = collect(request)
     variables = environment.prepare(configs[0]["platform"])
-    return run(request, configs, variables)
+    with written_keys(request):
+        return run(request, configs, variables)
 
 
 def run(request: Request, configs: Sequence[dict[str, Any]], variables: dict[str, str]) -> int:

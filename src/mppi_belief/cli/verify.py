@@ -70,6 +70,7 @@ def main(args: Sequence[str]) -> int:
     """Computes the certificates, or answers the question about a system; returns the exit code."""
     from ..config import environment
     from ..config.compose import collect
+    from ..config.written_keys import written_keys
     from ..results.certificate import CERTIFICATE_NAMES
     from .show_configuration import show, wants_printing
 
@@ -86,7 +87,8 @@ def main(args: Sequence[str]) -> int:
     settings = _system_settings(request, config)
     environment.prepare()
     if settings:
-        return verify_system(request, config, settings)
+        with written_keys(request):
+            return verify_system(request, config, settings)
     return verify_paper(request, config, request.certificates or CERTIFICATE_NAMES)
 
 

@@ -24,6 +24,7 @@ reads no command line.
 import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import fields
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -32,14 +33,17 @@ from omegaconf import DictConfig, OmegaConf
 from ..errors import ConfigError
 from . import sweep
 from .cell_labels import cell_labels
-from .conf_files import check_aliases, conf_dir
+from .conf_files import conf_dir
 from .hydra_errors import config_error_line
+from .hydra_words import quoted
 from .request import Request, key_of
 from .settings import RUNTIME_KEYS, Settings, check_settings
 from .studies import grids
 from .targets import fingerprints
 
 LONGEST_WORD = 10_000  # characters of an override
+# Keys of the top level that are no groups.
+ALWAYS_SET = [setting.name for setting in fields(Settings) if setting.type != dict[str, Any]]
 HYDRA_KEYS = ("hydra.mode", "hydra.sweeper.params")  # of Hydra's own settings, those in use
 
 
@@ -90,7 +94,7 @@ def _jobs(request: Request) -> Iterator[ComposedJob]:
     """
     from hydra.types import RunMode
 
-    choices = sweep.choices_of(request.overrides)
+    choices = sweep.choices_of(request.overrides, request.config_dirs)
     config = _compose(request, sweep.first(choices))
     if not request.multirun and config.hydra.mode != RunMode.MULTIRUN:
         for choice in choices:
@@ -100,7 +104,8 @@ def _jobs(request: Request) -> Iterator[ComposedJob]:
         return
     swept = OmegaConf.to_container(config.hydra.sweeper, resolve=True)
     params = swept.get("params") if isinstance(swept, dict) else None
-    for overrides in sweep.product(sweep.choices_of(request.overrides, params)):
+    choices = sweep.choices_of(request.overrides, request.config_dirs, params)
+    for overrides in sweep.product(choices):
         yield _job(overrides, _compose(request, overrides))
 
 
@@ -109,11 +114,11 @@ def _compose(request: Request, overrides: Sequence[str]) -> DictConfig:
     overrides.
     """
     import hydra
-    from hydra.core.override_parser.types import Quote, QuotedString
 
-    folders = [f"file://{Path(folder).resolve()}" for folder in request.config_dirs]
-    quoted = [QuotedString(text=folder, quote=Quote.single).with_quotes() for folder in folders]
-    search_path = [f"hydra.searchpath=[{','.join(quoted)}]"] if quoted else []
+    from .yaml_source import address
+
+    addresses = [quoted(address(Path(folder).resolve())) for folder in request.config_dirs]
+    search_path = [f"hydra.searchpath=[{','.join(addresses)}]"] if addresses else []
     return hydra.compose("config", [*search_path, *overrides], return_hydra_config=True)
 
 
@@ -133,11 +138,13 @@ def _composing(request: Request) -> Iterator[None]:
     from hydra import initialize_config_dir
     from hydra.core.config_store import ConfigStore
 
+    from . import yaml_source
+
     _check_words(request.overrides)
     for folder in request.config_dirs:
         if not Path(folder).is_dir():
             raise ConfigError(f"--config-dir {folder}: no such folder")
-        check_aliases(Path(folder))
+    yaml_source.register()
     ConfigStore.instance().store(name="schema", node=Settings)
     try:
         with initialize_config_dir(str(conf_dir()), job_name="mppi-belief", version_base="1.3"):
@@ -156,6 +163,8 @@ def _check_words(overrides: Sequence[str]) -> None:
         key = key_of(word)
         if "=" not in word and not word.startswith("~"):
             raise ConfigError(f"{word}: must have the form KEY=VALUE")
+        if word.startswith("~") and key in ALWAYS_SET:
+            raise ConfigError(f"{word}: {key} cannot be removed, only set to another value")
         if "hydra" in re.split(r"[@:./]", key) and not key.startswith(HYDRA_KEYS):
             raise ConfigError(f"{key} cannot be set; of Hydra only {' and '.join(HYDRA_KEYS)} can")
     for group in ("sweep", "experiment"):

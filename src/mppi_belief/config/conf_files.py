@@ -1,11 +1,7 @@
-"""The folder conf/ of this package: where it lies and what its files hold, read without Hydra."""
+"""The folder conf/ of this package: where it lies and which files it has."""
 
 from collections.abc import Sequence
 from pathlib import Path
-
-import yaml
-
-from ..errors import ConfigError
 
 
 def conf_dir() -> Path:
@@ -38,35 +34,4 @@ def file_of(group: str, option: str, folders: Sequence[str] = ()) -> Path | None
         path = folder / group / f"{option}.yaml"
         if path.is_file():
             return path
-    return None
-
-
-def check_aliases(folder: Path) -> None:
-    """Raises `ConfigError` for a yaml file of a folder's groups in which an alias contains itself.
-
-    OmegaConf would unfold such a node until the memory is full. A file that is no yaml is left to
-    the reader of the file.
-    """
-    for path in sorted(folder.glob("*/**/*.yaml")):
-        text = path.read_bytes()
-        if b"&" not in text or b"*" not in text:
-            continue
-        try:
-            alias = _alias_of_itself(text)
-        except yaml.YAMLError:
-            continue
-        if alias is not None:
-            raise ConfigError(f"{path}: *{alias} contains itself")
-
-
-def _alias_of_itself(text: bytes) -> str | None:
-    """Returns the name of an anchor that an alias within its own node repeats, if there is one."""
-    open_anchors: list[str | None] = []
-    for event in yaml.parse(text, Loader=yaml.SafeLoader):
-        if isinstance(event, yaml.CollectionStartEvent):
-            open_anchors.append(event.anchor)
-        elif isinstance(event, yaml.CollectionEndEvent):
-            open_anchors.pop()
-        elif isinstance(event, yaml.AliasEvent) and event.anchor in open_anchors:
-            return str(event.anchor)
     return None

@@ -4,15 +4,18 @@ settings.
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields
-from typing import Any
+from typing import Any, get_type_hints
 
 from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from ..errors import ConfigError, first_line, unknown_key
 from ..fields import Number, Text, WholeNumber, checked, ruled, rules
+from .folders import FolderName
 
+_ADDRESS = Text(r"(\w+://)?\S+:\d+", "an address such as tcp://HOST:8786", optional=True)
 _MEMORY = Text(r"\d+(\.\d+)?\s*[KMGT]i?B", "an amount such as 2GB")
+TEXT_TYPES = (str, str | None, list[str])
 _TIME = Text(r"(\d+-)?\d{1,2}:\d{2}:\d{2}", "a time such as 01:30:00")
 
 
@@ -25,7 +28,7 @@ class LocalExecutor:
 class DaskExecutor:
     """Describes the workers of a Dask scheduler."""
 
-    address: str | None = None  # of the scheduler; None: start one here
+    address: str | None = ruled(_ADDRESS, None)  # of the scheduler; None: start one here
     patience: float = ruled(Number(gt=0), 60.0)  # s until the scheduler must answer
 
 
@@ -40,7 +43,7 @@ class SlurmExecutor:
     workers_per_job: int = ruled(WholeNumber(ge=1), 1)
     directives: list[str] = field(default_factory=list)  # further lines #SBATCH
     interface: str | None = None  # the network interface, such as ib0
-    logs: str | None = None  # the folder of the jobs' output; None: it is not kept
+    logs: str | None = ruled(FolderName(optional=True), None)  # of the jobs' output; None: not kept
 
 
 Executor = LocalExecutor | DaskExecutor | SlurmExecutor
@@ -63,6 +66,7 @@ def read_executor(node: dict[str, Any]) -> Executor:
             raise ConfigError(unknown_key(f"executor.{key}", known))
 
     # OmegaConf converts and checks the types, the rules check the ranges.
+    _check_texts(kind, values)
     try:
         settings: Any = OmegaConf.to_object(OmegaConf.merge(OmegaConf.structured(kind), values))
     except OmegaConfBaseException as error:
@@ -71,7 +75,26 @@ def read_executor(node: dict[str, Any]) -> Executor:
         raise ConfigError(f"executor.{key}={values.get(key)}: {message}") from error
     for name, rule in rules(kind).items():
         try:
-            checked(name, getattr(settings, name), rule)
+            setattr(settings, name, checked(name, getattr(settings, name), rule))
         except ValueError as error:
             raise ConfigError(f"executor.{error}") from error
     return settings
+
+
+def folders_of(settings: Executor) -> dict[str, str | None]:
+    """Returns the settings of an executor that name folders, with the home folder for `~`."""
+    names = [name for name, rule in rules(type(settings)).items() if isinstance(rule, FolderName)]
+    return {name: getattr(settings, name) for name in names}
+
+
+def _check_texts(kind: Any, values: dict[str, Any]) -> None:
+    """Raises `ConfigError` for a number in place of a text: OmegaConf would write it anew."""
+    hints = get_type_hints(kind)
+    for name, value in values.items():
+        texts = value if hints[name] == list[str] and isinstance(value, list) else [value]
+        for text in texts:
+            if hints[name] in TEXT_TYPES and not isinstance(text, str | None):
+                raise ConfigError(
+                    f"executor.{name}: {text!r} must be a text; in a list or a mapping of the "
+                    "command line a text that looks like a number has quotes"
+                )

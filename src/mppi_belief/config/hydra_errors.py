@@ -11,6 +11,7 @@ import yaml
 from ..errors import ConfigError, first_line
 from .misspelt_keys import unknown_key_line
 
+EMPTY = "''"  # how an empty value is shown
 TYPES = {"Float": "a number", "Integer": "a whole number", "Boolean": "true or false"}
 
 
@@ -60,13 +61,30 @@ def _unknown_option(match: re.Match[str], folders: Sequence[str]) -> str:
     return f"{group}={option}: no such option, choose from {', '.join(options)}{guess}"
 
 
+def _unknown_deleted_key(match: re.Match[str], folders: Sequence[str]) -> str:
+    return unknown_key_line(match["key"], folders)
+
+
 def _wrong_type(match: re.Match[str], folders: Sequence[str]) -> str:
     wanted = TYPES.get(match["type"], match["type"])
-    return f"{match['key']} must be {wanted}, got {match['value']}"
+    return f"{match['key']} must be {wanted}, got {match['value'] or EMPTY}"
+
+
+def _no_choice(match: re.Match[str], folders: Sequence[str]) -> str:
+    return f"{match['key']} must be one of {match['options']}, got {match['value'] or EMPTY}"
+
+
+def _interpolation_error(match: re.Match[str], folders: Sequence[str]) -> str:
+    return f"{match['key']}: {match['why'][0].lower()}{match['why'][1:]}"
 
 
 def _error_in_file(match: re.Match[str], folders: Sequence[str]) -> str:
     return f"{match['file']}.yaml: {match['why'].strip()}"
+
+
+def _sentence(text: str) -> Callable[[re.Match[str], Sequence[str]], str]:
+    """Returns a function that puts the named groups of a match into a text."""
+    return lambda match, folders: text.format(**match.groupdict())
 
 
 _MESSAGES: list[tuple[str, Callable[[re.Match[str], Sequence[str]], str]]] = [
@@ -75,16 +93,74 @@ _MESSAGES: list[tuple[str, Callable[[re.Match[str], Sequence[str]], str]]] = [
         r"\s+(?P<options>[^\n]+(?:\n\t[^\n]+)*)",
         _unknown_option,
     ),
-    (r"Could not override '(?P<key>[^']+)'.*is not in struct", _unknown_key),
     (r"Key '[^']+' (?:is not in struct|not in '[^']+')\s+full_key: (?P<key>\S+)", _unknown_key),
+    (r"Could not override '(?P<key>[^']+)'.*is not in struct", _unknown_key),
     (
         r"Could not override '(?P<key>[^'=@]+)(?:@[^']*)?'\.?\s*(?:No match in|Did you mean)",
         _unknown_key,
     ),
     (
-        r"Value '(?P<value>[^']*)'.*?could not be converted to (?P<type>\w+)"
+        r"Could not delete from config\. '(?P<key>[^']+)' does not exist",
+        _unknown_deleted_key,
+    ),
+    (
+        r"Could not delete from config\. The value of '(?P<key>[^']+)' is (?P<now>.*?) and not "
+        r"(?P<value>[^\n]*)\.",
+        _sentence("~{key}={value}: {key} is {now}, not {value}"),
+    ),
+    (
+        r"Could not delete '(?P<word>[^']+)'\. No match in the defaults list",
+        _sentence("~{word}: {word} is not chosen"),
+    ),
+    (
+        r"Value '(?P<value>(?:(?!\n).)*?)' of type '\w+' could not be converted to (?P<type>\w+)"
         r"\s+full_key: (?P<key>\S+)",
         _wrong_type,
+    ),
+    (
+        r"field '\w+' is not Optional\s+full_key: (?P<key>\S+)",
+        _sentence("{key} must have a value, got null"),
+    ),
+    (
+        r"Invalid type assigned: [^\n]* value: (?P<value>[^\n]*)\s+full_key: (?P<key>\S+)",
+        _sentence("{key} must be a mapping of settings, got {value}"),
+    ),
+    (
+        r"Cannot merge DictConfig with ListConfig\s+full_key: (?P<key>\S+)",
+        _sentence("{key} must be a mapping of settings, got a list"),
+    ),
+    (
+        r"Cannot convert '\w+' to string: '(?P<value>[^\n]*)'\s+full_key: (?P<key>\S+)",
+        _sentence("{key} must be a text, got {value}"),
+    ),
+    (
+        r"Invalid value '(?P<value>[^']*)', expected one of \[(?P<options>[^]]*)\]"
+        r"\s+full_key: (?P<key>\S+)",
+        _no_choice,
+    ),
+    (
+        r"Interpolation key '(?P<source>[^']+)' not found\s+full_key: (?P<key>\S+)",
+        _sentence("{key}: ${{{source}}} refers to a key that does not exist"),
+    ),
+    (
+        r"Recursive interpolation detected\s+full_key: (?P<key>\S+)",
+        _sentence("{key}: refers to itself"),
+    ),
+    (
+        r"Unsupported interpolation type (?P<name>\S+)\s+full_key: (?P<key>\S+)",
+        _sentence("{key}: ${{{name}:...}} calls a function that does not exist"),
+    ),
+    (
+        r"raised while resolving interpolation: \"?(?P<why>[^\n\"]+)\"?\s+full_key: (?P<key>\S+)",
+        _interpolation_error,
+    ),
+    (
+        r"(?:viable alternative|mismatched input|token recognition|extraneous|missing)[^\n]*"
+        r"\s+full_key: (?P<key>\S+)",
+        _sentence(
+            "{key}: ${{ begins a reference to another setting, such as ${{seed}}; "
+            "the characters themselves are written \\${{"
+        ),
     ),
     (
         r"In '(?P<file>[^']+)': \w+ raised while composing config:\s+(?P<why>[^\n]+)",

@@ -9,11 +9,10 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
-from omegaconf import OmegaConf
-
 from ..errors import unknown_key
 from .conf_files import conf_dir, groups
 from .settings import Settings
+from .yaml_files import read_yaml
 
 SEE = "see mppi-belief run --cfg job"
 
@@ -103,10 +102,8 @@ def _keys(folders: Sequence[str]) -> set[str]:
 def _content(path: Path) -> dict[str, Any]:
     """Returns the settings of a yaml file; none if it cannot be read."""
     try:
-        content: Any = OmegaConf.to_container(OmegaConf.load(path), resolve=False)
+        content = read_yaml(path)
     except Exception:  # the file may not be a yaml file at all, and the message is about another
-        return {}
-    if not isinstance(content, dict):
         return {}
     return {key: value for key, value in content.items() if key not in ("defaults", "hydra")}
 

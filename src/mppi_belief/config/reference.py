@@ -12,8 +12,14 @@ from pathlib import Path
 from typing import Any
 
 from omegaconf import OmegaConf
+from omegaconf.errors import OmegaConfBaseException
 
+from ..errors import ConfigError
+from ..fields import checked, rules
 from .conf_files import conf_dir
+from .hydra_errors import config_error_line
+from .settings import Settings
+from .yaml_files import read_yaml
 
 GLOBAL_PACKAGE = "# @package _global_"  # first line of a file whose keys are those of the top level
 
@@ -38,6 +44,27 @@ def reference(group: str, option: str) -> dict[str, Any]:
 def reference_settings() -> dict[str, Any]:
     """Returns the settings at the top level of conf/config.yaml: `theta`, `w_obs`, `planner`."""
     return _to_plain(OmegaConf.create(_top_level()))
+
+
+def reference_folder(key: str, text: str | None = None) -> Path:
+    """Returns the folder that a setting of the top level names, by default that of conf/.
+
+    `text` is the value as it is written on the command line; `${...}` refers to the other settings
+    of conf/config.yaml. Raises `ConfigError`, as composing the setting would.
+    """
+    settings = OmegaConf.create(_top_level())
+    if text is not None:
+        try:
+            settings[key] = text
+        except Exception as error:
+            raise ConfigError(config_error_line(error)) from error
+    try:
+        name: Any = checked(key, _to_plain(settings)[key], rules(Settings)[key])
+    except ValueError as error:
+        raise ConfigError(str(error)) from None
+    except OmegaConfBaseException as error:
+        raise ConfigError(config_error_line(error)) from error
+    return Path(name)
 
 
 def _top_level() -> dict[str, Any]:
@@ -103,7 +130,7 @@ def _load(group: str, option: str) -> dict[str, Any]:
 
 
 def _read(path: Path) -> dict[str, Any]:
-    return _unresolved(OmegaConf.load(path))
+    return _unresolved(OmegaConf.create(read_yaml(path)))
 
 
 def _unresolved(node: Any) -> dict[str, Any]:

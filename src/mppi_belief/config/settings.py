@@ -13,6 +13,8 @@ from omegaconf import MISSING
 
 from ..errors import ConfigError, unknown_key
 from ..fields import Choice, Number, WholeNumber, checked, ruled, rules
+from .executors import folders_of, read_executor
+from .folders import FolderName
 
 # Settings that do not change what a trial is.
 RUNTIME_KEYS = (
@@ -29,17 +31,6 @@ RUNTIME_KEYS = (
 DEFAULT_BATCH = {"cpu": 1, "gpu": 200}  # trials; a GPU advances the 200 trials of Sec. VII together
 MOST_TRIALS = 10**7
 LARGEST_WHOLE_NUMBER = 10**300  # of a whole number; larger ones are no float
-
-
-@dataclass(frozen=True)
-class FolderName:
-    """Accepts the name of a folder, which need not exist."""
-
-    def check(self, value: Any) -> str:
-        """Returns the name as it is; raises ValueError for what cannot name a folder."""
-        if not isinstance(value, str) or not value.strip() or "\0" in value:
-            raise ValueError(f"must name a folder, got {value!r}")
-        return value
 
 
 @dataclass
@@ -86,16 +77,19 @@ def batch_size(config: dict[str, Any]) -> int | None:
 
 def check_settings(config: dict[str, Any]) -> None:
     """Raises `ConfigError` for an unknown key, a setting out of range, or a value that no setting
-    can have.
+    can have; puts home folders in place of `~`.
     """
     _check_keys(config, [setting.name for setting in fields(Settings)])
     _check_keys(config["planner"], [setting.name for setting in fields(Planner)], "planner.")
     for name, rule in rules(Settings).items():
         try:
-            checked(name, config[name], rule)
+            value = checked(name, config[name], rule)
         except ValueError as error:
             raise ConfigError(str(error)) from None
+        if isinstance(rule, FolderName):
+            config[name] = value
     _check_plain_values(config, "")
+    config["executor"] |= folders_of(read_executor(config["executor"]))
 
 
 def _check_keys(node: Any, known: list[str], prefix: str = "") -> None:

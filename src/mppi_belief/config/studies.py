@@ -9,6 +9,7 @@ from ..errors import ConfigError
 from .conf_files import conf_dir
 from .hydra_errors import config_error_line
 from .request import Request, key_of
+from .yaml_files import SWEPT, read_yaml
 
 
 def grids(request: Request) -> list[Request]:
@@ -40,7 +41,7 @@ def grids(request: Request) -> list[Request]:
 def swept_keys(path: Path) -> set[str]:
     """Returns the keys that a study's file sweeps."""
     try:
-        return set(OmegaConf.select(OmegaConf.load(path), "hydra.sweeper.params") or ())
+        return set(OmegaConf.select(OmegaConf.create(read_yaml(path)), SWEPT) or ())
     except Exception as error:
         raise ConfigError(config_error_line(error)) from error
 

@@ -8,12 +8,19 @@ that needs more of Hydra than its documented functions.
 
 import itertools
 import math
+import re
+import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
-from ..errors import ConfigError
+from ..errors import ConfigError, first_line
+from .conf_files import groups
+from .hydra_words import quoted, word_for_hydra
+from .misspelt_keys import unknown_key_line
+from .request import key_of
 
 MOST_JOBS = 10_000  # of a sweep; more is a mistake
+HYDRA_KEY = re.compile(r"[A-Za-z0-9_$.@/:-]*")  # with its group's package
 
 
 class SweptChoice(NamedTuple):
@@ -24,25 +31,44 @@ class SweptChoice(NamedTuple):
 
 
 def choices_of(
-    overrides: Sequence[str], swept: Mapping[str, Any] | None = None
+    overrides: Sequence[str], folders: Sequence[str], swept: Mapping[str, Any] | None = None
 ) -> list[SweptChoice]:
     """Returns the choices that overrides and the sweep of a yaml file leave.
 
-    `swept` maps keys to the values that a yaml file sweeps, in the notation of a command line
-    ("0,1,2"); an override of the same key replaces them. Raises `ConfigError` for a sweep that is
-    empty, continuous or too long, and what Hydra raises for a word that is no override.
+    `folders` are those of `--config-dir`. `swept` maps keys to the values that a yaml file sweeps,
+    in the notation of a command line ("0,1,2"); an override of the same key replaces them. Raises
+    `ConfigError` for a word that is no override, and for a sweep that is empty, continuous or too
+    long.
     """
     from hydra.core.global_hydra import GlobalHydra
     from hydra.core.override_parser.overrides_parser import OverridesParser
 
     parser = OverridesParser.create(config_loader=GlobalHydra.instance().config_loader())
+    group_names = list(groups(folders))
     words = [f"{key}={values}" for key, values in (swept or {}).items()]
     choices: dict[str, SweptChoice] = {}
-    for override in parser.parse_overrides([*words, *overrides]):
-        line = str(override.input_line)
-        values = _swept_overrides(override) if override.is_sweep_override() else [line]
-        choices[override.get_key_element()] = SweptChoice(line, values)
+    for word in [*words, *overrides]:
+        for_hydra = word_for_hydra(word, group_names)
+        try:
+            (override,) = parser.parse_overrides([for_hydra])
+        except Exception as error:  # of Hydra's grammar, or of a function that a value calls
+            raise ConfigError(_unreadable(word, error, folders)) from error
+        values = _swept_overrides(override, word) if override.is_sweep_override() else [for_hydra]
+        choices[override.get_key_element()] = SweptChoice(word, values)
     return list(choices.values())
+
+
+def _unreadable(word: str, error: Exception, folders: Sequence[str]) -> str:
+    """Returns one line about a word that Hydra's grammar refuses, with the way to write a text."""
+    head, _, value = word.partition("=")
+    key = key_of(word)
+    if not HYDRA_KEY.fullmatch(key):
+        return unknown_key_line(key, folders)
+    reason = str(error.__cause__ or error)
+    if "while evaluating" in reason and "Unknown function" not in reason:
+        return f"{word}: {first_line(reason)}"
+    text = shlex.quote(f"{head}={quoted(value, double=True)}")
+    return f"{word}: is no number, list, mapping or plain word; a text is given as {text}"
 
 
 def first(choices: Sequence[SweptChoice]) -> list[str]:
@@ -59,9 +85,8 @@ def product(choices: Sequence[SweptChoice]) -> Iterator[list[str]]:
     return map(list, itertools.product(*(choice.overrides for choice in choices)))
 
 
-def _swept_overrides(override: Any) -> list[str]:
-    """Returns the overrides that the values of a swept key make."""
-    line = override.input_line
+def _swept_overrides(override: Any, line: str) -> list[str]:
+    """Returns the overrides that the values of a swept key make; `line` is the word as typed."""
     if override.is_hydra_override():
         raise ConfigError(f"{line}: a key of Hydra cannot be swept")
     if not override.is_discrete_sweep() or _is_long(override.value()):

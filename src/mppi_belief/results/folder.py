@@ -10,6 +10,7 @@ from collections.abc import Collection, Iterator, Sequence
 from difflib import get_close_matches
 from pathlib import Path
 
+from ..config.folders import home_expanded
 from ..errors import ConfigError
 from .files import TEMPORARY
 
@@ -34,7 +35,7 @@ def choose_cell(root: Path, word: str) -> Path:
     Raises `ConfigError` for none and for several.
     """
     if os.sep in word or word in (os.curdir, os.pardir):
-        folder = Path(word).resolve()
+        folder = _path(word).resolve()
         if not (folder.is_dir() and _is_cell(folder)):
             raise ConfigError(f"{word}: not the folder of a cell")
         return folder
@@ -50,6 +51,14 @@ def choose_cell(root: Path, word: str) -> Path:
             f"{_listing_command(root)} shows their settings"
         )
     raise ConfigError(_unknown_cell(root, word, names))
+
+
+def _path(word: str) -> Path:
+    """Returns the path that a word names, with the home folder for `~`. Raises `ConfigError`."""
+    try:
+        return Path(home_expanded(word))
+    except ValueError as error:
+        raise ConfigError(f"the folder of the cell {error}") from None
 
 
 def _unknown_cell(root: Path, word: str, names: Sequence[str]) -> str:

@@ -8,7 +8,7 @@ import jax
 import numpy as np
 
 from ..config.targets import locate
-from ..errors import ConfigError, unknown_key
+from ..errors import ConfigError, FieldError, unknown_key
 from ..numerics.jax_settings import pin_jax_settings
 from ..problem import Controller, Filter, Problem
 from ..simulate import simulate_trial
@@ -85,7 +85,11 @@ def _make(node: Any, path: str, parts: dict[str, Any] | None = None) -> Any:
     try:
         return target(**values, **(parts or {}))
     except (TypeError, ValueError, OverflowError) as error:
-        raise ConfigError(f"{path}.{error}") from error
+        message = f"{path}.{error}"
+        key = message.partition(" ")[0]
+        if key in known:
+            raise FieldError(key, message.removeprefix(key)) from error
+        raise ConfigError(message) from error
 
 
 @functools.cache

@@ -14,7 +14,7 @@ import numpy as np
 from jax import Array
 
 from ..discretise import measurement_cov, measurement_factor
-from ..errors import ConfigError
+from ..errors import ConfigError, FieldError
 from ..problem import Problem
 from .members import SHAPES, check_member, member_names, member_value, owner_of
 from .traced_fields import reason_of
@@ -38,13 +38,12 @@ def check_numbers(parts: Any, precision: str) -> None:
             with np.errstate(all="ignore"):
                 value = np.asarray(leaf, dtype=precision)
         except (TypeError, ValueError, OverflowError) as error:
-            raise ConfigError(
-                f"{name}={leaf!r}: must be a number; words are made with choice"
-            ) from error
+            reason = f"={leaf!r}: must be a number; words are made with choice"
+            raise FieldError(name, reason) from error
         if not np.all(np.isfinite(value)):
-            raise ConfigError(f"{name}={np.asarray(leaf).tolist()}: too large for {precision}")
+            raise FieldError(name, f"={np.asarray(leaf).tolist()}: too large for {precision}")
         if name == "problem.dt" and value < np.finfo(precision).tiny:
-            raise ConfigError(f"{name}={leaf:g}: too small for {precision}")
+            raise FieldError(name, f"={leaf:g}: too small for {precision}")
 
 
 def check_problem(problem: Problem, precision: str) -> None:
