@@ -78,6 +78,12 @@ def test_a_text_needs_no_quotes_in_yaml(folder, text):
     }
 
 
+@pytest.mark.parametrize("key", ["planner.horizon", "controller.horizon"])
+def test_a_message_names_the_key_that_was_written(key, tmp_path, capsys):
+    ended = call(tmp_path, capsys, "run", *SMALL, f"{key}=0")
+    assert (ended.code, ended.err) == (2, f"mppi-belief: {key} must be at least 1, got 0\n")
+
+
 @pytest.mark.parametrize("text", ["1234e567", "2026_11_30", "0x10"])
 def test_an_alias_leaves_the_other_key_a_number(folder, text):
     content = as_read_from(folder, f"seed: &a {text}\nresults_dir: *a\n")
@@ -91,9 +97,7 @@ WORD = st.text("0123456789_.+-eExXobinfatrulsy:~", min_size=1, max_size=8)
 
 
 @settings(max_examples=150, derandomize=True, deadline=None)
-@given(
-    word=WORD | st.from_regex(r"[+-]?\d{0,3}(_\d)?\.?\d{0,2}([eE][+-]?\d{1,3})?", fullmatch=True)
-)
+@given(word=WORD | st.from_regex(NUMBER_LIKE, fullmatch=True))
 @example(word="017")
 @example(word="1e3")
 @example(word="10:00:00")
