@@ -13,7 +13,7 @@ import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
-from ..errors import ConfigError, first_line
+from ..errors import ConfigError
 from .conf_files import groups
 from .hydra_words import quoted, word_for_hydra
 from .misspelt_keys import unknown_key_line
@@ -64,9 +64,9 @@ def _unreadable(word: str, error: Exception, folders: Sequence[str]) -> str:
     key = key_of(word)
     if not HYDRA_KEY.fullmatch(key):
         return unknown_key_line(key, folders)
-    reason = str(error.__cause__ or error)
-    if "while evaluating" in reason and "Unknown function" not in reason:
-        return f"{word}: {first_line(reason)}"
+    for line in str(error).splitlines():
+        if "while evaluating" in line and "Unknown function" not in line:
+            return f"{word}: {line}"
     text = shlex.quote(f"{head}={quoted(value, double=True)}")
     return f"{word}: is no number, list, mapping or plain word; a text is given as {text}"
 
