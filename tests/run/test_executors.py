@@ -119,7 +119,7 @@ def test_a_missing_extra_is_named(kind, monkeypatch):
         "mppi_belief.run.start_workers.find_spec",
         lambda name: None if "da" in name or "dist" in name else find_spec(name),
     )
-    with pytest.raises(ConfigError, match=r"mppi-belief\[cluster\]"):
+    with pytest.raises(ConfigError, match=r"pip install .*\[cluster\]"):
         make_workers({"kind": kind}, 1, WorkerSetup([], {}), {})
 
 
