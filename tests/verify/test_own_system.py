@@ -170,7 +170,7 @@ def test_a_state_that_is_known_at_first():
     certificate = conditions_of(replace(Scalar().problem(steps=5), prior_std=np.zeros(1)))
     assert {EQUAL, MATCHED} <= broken(certificate)
     assert not {C, NOISE, F, G, COV} & broken(certificate)
-    assert "D = 0 at 1 steps" in certificate.text
+    assert "D = 0 at 1 step" in certificate.text
 
 
 def test_a_trial_that_diverges_is_one_line():
