@@ -216,6 +216,27 @@ class Blind(Price):
 
 
 @struct
+class Fare:
+    """Represents a cost of two states: the distance to a goal, rounded off below `smoothing`."""
+
+    goal: Array = mb.array(ndim=1)
+    smoothing: float = number(default=0.0, ge=0)  # m
+
+    @property
+    def R(self) -> Array:
+        return 0.1 * jnp.eye(2)
+
+    def base(self, x: Array) -> Array:
+        return jnp.sqrt(jnp.sum((x - jnp.asarray(self.goal)) ** 2) + self.smoothing**2)
+
+    def penalty(self, x: Array, surroundings: mb.Surroundings) -> Array:
+        return 0.0 * x[0]
+
+    def terminal(self, x: Array) -> Array:
+        return self.base(x)
+
+
+@struct
 class Constant:
     """Returns the same control at every step; `wrong` makes it ill-behaved."""
 

@@ -10,7 +10,7 @@ import pytest
 from jax import Array
 
 import mppi_belief as mb
-from helpers import light_dark_problem, quick_jit
+from helpers import assert_mean, light_dark_problem, quick_jit
 from linear_system import lqr, random_problem
 from mppi_belief.belief.prior import prior, prior_mixture
 from mppi_belief.numerics.normals import standard_normal
@@ -89,20 +89,27 @@ def test_of_a_linear_problem_with_quadratic_costs_all_paths_weigh_the_same(
     assert act_on(problem, plain, plan, keys)[1] < 0.8 * 64
 
 
-def test_of_a_linear_problem_the_matched_policy_is_that_of_lqr(monkeypatch, x64, rng, plan):
-    monkeypatch.setattr(policy_mixture, "about_nominal", lambda n, mirrored: np.zeros(n, bool))
+def test_of_a_linear_problem_a_single_mirrored_pair_gives_the_control_of_lqr(x64, rng, plan):
     problem = random_problem(rng, steps=HORIZON)
     planner = mb.MPPI(2, HORIZON, TEMPERATURE, sampler=mb.LaplaceSampler(antithetic=True))
     (u,), _ = act_on(problem, planner, plan, jax.random.split(jax.random.key(0), 1))
     best = lqr(problem, np.asarray(problem.prior_mean), np.asarray(charge_weights(HORIZON, True)))
-    np.testing.assert_allclose(
-        u, best[0], rtol=1e-8
-    )  # a mirrored pair: the mean of the policy itself
+    np.testing.assert_allclose(u, best[0], rtol=1e-8)  # the mean of the policy itself
+
+
+def test_a_single_sample_is_drawn_from_the_laplace_policy(x64, rng, plan):
+    problem = random_problem(rng, steps=HORIZON)
+    best = lqr(problem, np.asarray(problem.prior_mean), np.asarray(charge_weights(HORIZON, True)))
+    keys = jax.random.split(jax.random.key(0), 400)
+    planner = mb.MPPI(1, HORIZON, TEMPERATURE, sampler=mb.LaplaceSampler())
+    controls, ess = act_on(problem, planner, plan, keys)
+    assert_mean(np.asarray(controls), best[0])
+    np.testing.assert_array_equal(ess, 1)
 
 
 def test_a_fifth_is_drawn_about_the_nominal_mirrored_pairs_together():
     assert [policy_mixture.about_nominal(n, False).sum() for n in (1, 2, 5, 6, 20, 500)] == [
-        1,
+        0,
         1,
         1,
         2,
@@ -110,7 +117,8 @@ def test_a_fifth_is_drawn_about_the_nominal_mirrored_pairs_together():
         100,
     ]
     assert not policy_mixture.about_nominal(2, False)[1]
-    for n in (2, 19, 20, 500):
+    assert not policy_mixture.about_nominal(2, True).any()
+    for n in (19, 20, 500):
         half = (n + 1) // 2
         chosen = policy_mixture.about_nominal(n, True)
         np.testing.assert_array_equal(chosen[half:], chosen[: n - half])

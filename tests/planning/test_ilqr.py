@@ -12,6 +12,7 @@ from helpers import light_dark_problem, quick_jit
 from linear_system import lqr, random_problem
 from mppi_belief.belief.cost import certainty_equivalent
 from mppi_belief.planning import ilqr, lq_problem
+from user_parts import Fare
 
 SETTINGS = ilqr.ILQRSettings(
     tolerance=1e-9, max_iterations=100, damping=1e-6, damping_factor=4.0, damping_max=1e8
@@ -45,6 +46,13 @@ def solve(
     at_step_end: bool = True,
 ) -> ilqr.ILQRSolution:
     return _solve(problem, jnp.asarray(start), settings, horizon, at_step_end)
+
+
+def taxi_problem(smoothing: float = 0.0) -> mb.Problem:
+    """A point that pays for its distance to the goal, at which it starts."""
+    system = mb.Linear(np.zeros((2, 2)), np.eye(2), np.eye(2), 0.1 * np.eye(2), [0.2, 0.2])
+    cost = Fare([0.0, 0.0], smoothing)
+    return mb.Problem(system, cost, prior_mean=[0, 0], prior_std=[0.1, 0.1], dt=0.1, steps=20)
 
 
 @quick_jit
@@ -147,3 +155,27 @@ def test_the_closed_loop_stays_finite_in_float32_through_many_iterations(w_obs):
     trials = closed_loops(problem, mb.EKFiLQG(horizon=20, tolerance=1e-12))
     assert np.all(np.isfinite(trials.states))
     assert np.all(np.isfinite(trials.controls))
+
+
+@pytest.mark.parametrize("smoothing", [0.0, 1e-3])
+def test_a_distance_without_derivatives_at_the_goal_leads_there(smoothing):
+    """The prior mean is the goal itself, so the first expansion is about the kink."""
+    problem = taxi_problem(smoothing)
+    trials = closed_loops(problem, mb.EKFiLQG(horizon=10))
+    assert np.all(np.isfinite(trials.states))
+    assert np.all(np.isfinite(trials.controls))
+    plan = solve(problem, [1.0, -0.5], horizon=10).policy
+    assert np.linalg.norm(plan.states[-1]) < 0.1
+
+
+def test_a_plan_at_the_kink_of_a_distance_stays_there(x64):
+    plan = solve(taxi_problem(), [0.0, 0.0], horizon=10)
+    assert plan.converged
+    np.testing.assert_array_equal(plan.policy.states, np.zeros((11, 2)))
+    assert np.all(np.isfinite(plan.policy.gains))
+
+
+def test_derivatives_that_overflow_leave_a_finite_plan():
+    problem = taxi_problem(smoothing=1e-18)
+    plan = solve(problem, [0.0, 0.0], horizon=10).policy
+    assert all(np.all(np.isfinite(part)) for part in plan)

@@ -85,8 +85,7 @@ def laplace_policy(
 ) -> FeedbackPolicy:
     """Returns the optimal policy of the problem expanded about the controls of `fallback`.
 
-    A state whose cost has no finite derivatives counts as if it cost nothing. If the policy is not
-    finite all the same, because derivatives overflow, it is `fallback`.
+    If the policy is not finite, because derivatives overflow, it is `fallback`.
 
     Args:
         cost: of a mean at a step
@@ -98,15 +97,9 @@ def laplace_policy(
     """
     nominal = fallback.controls
     lq = expand(problem, cost, means, nominal)
-    lq = lq._replace(gradients=_finite(lq.gradients), hessians=_finite(lq.hessians))
     control_gradients = (nominal - reference.centre) @ reference.precision
     optimum = backward_pass(lq, control_gradients, reference.precision)
     factors = jnp.linalg.cholesky(temperature * optimum.inverses)
     policy = FeedbackPolicy(means[:-1], nominal + optimum.feedforward, optimum.gains, factors)
     finite = jnp.all(jnp.array([jnp.all(jnp.isfinite(part)) for part in policy]))
     return jax.tree.map(lambda value, default: jnp.where(finite, value, default), policy, fallback)
-
-
-def _finite(derivatives: Array) -> Array:
-    """Returns the derivatives with zeros where they are not finite."""
-    return jnp.where(jnp.isfinite(derivatives), derivatives, 0.0)

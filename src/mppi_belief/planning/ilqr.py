@@ -177,6 +177,8 @@ def _iterate(
 
     # Backward pass.
     feedforward, gains, _, change = lq_improvement(problem, cost, policy, damping)
+    finite = jnp.all(jnp.isfinite(gains))  # not where derivatives are so large that they overflow
+    gains = jnp.where(finite, gains, policy.gains)
     closed_loop = policy._replace(gains=gains)
 
     # Line search: the longest step with sufficient decrease.

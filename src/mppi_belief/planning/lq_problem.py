@@ -29,8 +29,8 @@ class Expansion(NamedTuple):
 
     A: Array  # (T, nx, nx): Jacobians by the state
     B: Array  # (T, nx, nu): Jacobians by the control
-    gradients: Array  # (T+1, nx): of the state costs
-    hessians: Array  # (T+1, nx, nx): of the state costs, projected to PSD
+    gradients: Array  # (T+1, nx): of the state costs, finite
+    hessians: Array  # (T+1, nx, nx): of the state costs, projected to PSD, finite
 
 
 class Improvement(NamedTuple):
@@ -67,14 +67,24 @@ def time_varying_cost(
 
 
 def expand(problem: Problem, cost: StateCost, states: Array, controls: Array) -> Expansion:
-    """Expands dynamics and state costs about states (T+1, nx) and controls (T, nu)."""
+    """Expands dynamics and state costs about states (T+1, nx) and controls (T, nu).
+
+    A state at which the cost has no finite derivatives, as the distance to a goal has none at the
+    goal, counts as if it cost nothing: there the cost is flat.
+    """
     jacobians = jax.jacfwd(
         lambda x, u: euler_step(problem.system, x, u, problem.dt), argnums=(0, 1)
     )
     A, B = jax.vmap(jacobians)(states[:-1], controls)
     steps = jnp.arange(len(states))
+    gradients = jax.vmap(jax.grad(cost))(states, steps)
     hessians = jax.vmap(nearest_psd)(jax.vmap(jax.hessian(cost))(states, steps))
-    return Expansion(A, B, jax.vmap(jax.grad(cost))(states, steps), hessians)
+    return Expansion(A, B, _finite(gradients), _finite(hessians))
+
+
+def _finite(derivatives: Array) -> Array:
+    """Returns the derivatives with zeros where they are not finite."""
+    return jnp.where(jnp.isfinite(derivatives), derivatives, 0.0)
 
 
 def backward_pass(

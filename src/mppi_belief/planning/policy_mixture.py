@@ -36,9 +36,11 @@ def about_nominal(n: int, mirrored: bool) -> np.ndarray:
     """Returns which of n samples are drawn about the nominal (n,).
 
     They are one in EVERY, spread over the samples; of mirrored pairs (`path_integral.normals`) both
-    or none.
+    or none. A single sample or pair is drawn from the Laplace policy.
     """
     period = -(-n // 2) if mirrored else n
+    if period == 1:
+        return np.zeros(n, bool)
     return np.arange(n) % period % EVERY == 0
 
 
