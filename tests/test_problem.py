@@ -10,7 +10,7 @@ from jax import Array
 
 import mppi_belief as mb
 from helpers import CENTERS, light_dark_problem, plain_problem, random_spd
-from mppi_belief.belief.cost import quadrature_moments, running_moments
+from mppi_belief.belief.cost import integrated_moments, running_moments
 from mppi_belief.obstacles import ObstacleShape
 from mppi_belief.problem import System
 from mppi_belief.trial.scene import describe_scene
@@ -178,5 +178,5 @@ def test_a_cost_may_ask_for_any_obstacles_by_the_clearance(x64):
     x = jnp.array([0.0, 3.0, 0.0, 0.0])
     assert problem.penalty(x) == pytest.approx(np.exp(-0.5))
     # E[exp(p)] = exp(mean + variance / 2) for a Gaussian p
-    moments = quadrature_moments(problem, x, 0.01 * jnp.eye(4))
+    moments = integrated_moments(problem, x, 0.01 * jnp.eye(4))
     assert moments.penalty == pytest.approx(np.exp(-0.5 + 0.005), rel=1e-6)

@@ -216,6 +216,29 @@ class Blind(Price):
 
 
 @struct
+class Danger:
+    """Represents a logistic danger beside a wall at `edge` of the first component."""
+
+    goal: Array = mb.array(ndim=1)
+    edge: float = number()  # m
+    w: float = number(default=100.0, ge=0)
+    reach: float = number(default=0.05, gt=0)  # m
+
+    @property
+    def R(self) -> Array:
+        return jnp.eye(2)
+
+    def base(self, x: Array) -> Array:
+        return 0.0 * x[0]
+
+    def penalty(self, x: Array, surroundings: mb.Surroundings) -> Array:
+        return self.w / (1.0 + jnp.exp((self.edge - x[0]) / self.reach))
+
+    def terminal(self, x: Array) -> Array:
+        return self.w / (1.0 + jnp.exp((self.edge - x[0]) / self.reach))
+
+
+@struct
 class Fare:
     """Represents a cost of two states: the distance to a goal, rounded off below `smoothing`."""
 

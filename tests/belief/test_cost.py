@@ -95,29 +95,6 @@ def test_a_cost_that_knows_its_moments_is_asked():
     assert belief_cost.risk_sensitive(problem, m, S, 2.0, "total") == 11 + 100 + 2 * 10000 + 1000
 
 
-def test_quadrature_errors_of_the_light_dark_cost_vanish_at_sixth_order(light_dark, x64, rng):
-    """Degree five leaves an error of order sigma^6 in a mean, and in a variance too, which is of
-    order sigma^2.
-    """
-    shape = random_spd(rng, 4)
-    errors = []
-    for spread in (0.02, 0.01):
-        cov = spread**2 * shape
-        exact = running_moments(light_dark, MEAN, cov)
-        computed = quick_jit(belief_cost.quadrature_moments)(light_dark, MEAN, jnp.asarray(cov))
-        np.testing.assert_allclose(
-            [computed.base, computed.base_var], [exact.base, exact.base_var], rtol=1e-10
-        )
-        np.testing.assert_allclose(computed, exact, rtol=2e-3)
-        errors.append(
-            [
-                abs(getattr(computed, f) - getattr(exact, f))
-                for f in ("penalty", "penalty_var", "covariance")
-            ]
-        )
-    np.testing.assert_allclose(np.log2(np.array(errors[0]) / errors[1]), 6, atol=0.2)
-
-
 def test_without_risk_aversion_the_expectation_is_left(light_dark, x64, rng):
     cov = 0.05 * random_spd(rng, 4)
     m = running_moments(light_dark, MEAN, cov)

@@ -13,39 +13,37 @@ Symbols: nx states, m components of a mixture.
 import jax.numpy as jnp
 from jax import Array
 
-from ..numerics import quadrature
 from ..numerics.linalg import dot
 from ..problem import ClosedFormCost, CostMoments, Problem
+from .integration import covariance, expected_value, integrand, variance
 
 
 def running_moments(problem: Problem, mean: Array, cov: Array) -> CostMoments:
     """Returns the moments of the running cost under N(mean, cov), mean (nx,) and cov (nx, nx).
 
-    They are exact where the cost has them in closed form, and otherwise integrated by a rule of
-    degree 5.
+    They are exact where the cost has them in closed form or is quadratic, and otherwise integrated
+    by a rule that is exact to degree 5.
     """
     if isinstance(problem.cost, ClosedFormCost):
         return problem.cost.running_moments(mean, cov, problem.surroundings)
-    return quadrature_moments(problem, mean, cov)
+    return integrated_moments(problem, mean, cov)
 
 
-def quadrature_moments(problem: Problem, mean: Array, cov: Array) -> CostMoments:
-    """Integrates the moments of the running cost under N(mean, cov) by cubature.
+def integrated_moments(problem: Problem, mean: Array, cov: Array) -> CostMoments:
+    """Integrates the moments of the running cost under N(mean, cov), see `belief.integration`.
 
-    The means are subtracted before deviations are squared, so that nothing cancels.
+    Those of a quadratic are exact. A cost that depends on few components of the state, as on its
+    position, is integrated over these.
     """
-    base, weights = quadrature.evaluate_at_nodes(problem.cost.base, mean, cov)
-    penalty, _ = quadrature.evaluate_at_nodes(problem.penalty, mean, cov)
-    base_mean = jnp.sum(weights * base)
-    penalty_mean = jnp.sum(weights * penalty)
-    base = base - base_mean
-    penalty = penalty - penalty_mean
+    kind = type(problem.cost).__name__
+    base = integrand(problem.cost.base, mean, cov, f"cost.base of {kind}")
+    penalty = integrand(problem.penalty, mean, cov, f"cost.penalty of {kind}")
     return CostMoments(
-        base_mean,
-        penalty_mean,
-        jnp.maximum(jnp.sum(weights * base**2), 0.0),
-        jnp.maximum(jnp.sum(weights * penalty**2), 0.0),
-        jnp.sum(weights * base * penalty),
+        expected_value(base),
+        expected_value(penalty),
+        variance(base),
+        variance(penalty),
+        covariance(base, penalty),
     )
 
 
@@ -79,7 +77,7 @@ def _variance(moments: CostMoments, variance_of: str) -> Array:
     if variance_of == "penalty":
         return moments.penalty_var
     total = moments.base_var + 2 * moments.covariance + moments.penalty_var
-    return jnp.maximum(total, 0.0)  # quadrature weights may be negative
+    return jnp.maximum(total, 0.0)  # the three parts may be integrated by different rules
 
 
 def mixture_moments(problem: Problem, weights: Array, means: Array, covs: Array) -> CostMoments:
@@ -137,7 +135,8 @@ def expected_terminal(problem: Problem, mean: Array, cov: Array) -> Array:
     """Returns phi(mu, Sigma) () for a mean (nx,) and a covariance (nx, nx)."""
     if isinstance(problem.cost, ClosedFormCost):
         return problem.cost.terminal_mean(mean, cov)
-    return quadrature.expectation(problem.cost.terminal, mean, cov)
+    name = f"cost.terminal of {type(problem.cost).__name__}"
+    return expected_value(integrand(problem.cost.terminal, mean, cov, name))
 
 
 def mixture_terminal(problem: Problem, weights: Array, means: Array, covs: Array) -> Array:

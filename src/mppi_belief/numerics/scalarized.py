@@ -41,6 +41,7 @@ from .jaxpr_interpreter import (
     PrimitiveRule,
     RuleTable,
     aval,
+    evaluate,
     interpret,
     is_plain_product,
     sample_shapes,
@@ -196,12 +197,16 @@ def _iota(output: Any, params: dict[str, Any]) -> Table:
 
 
 def _fallback_table(equation: core.JaxprEqn, tables: list[Table], n: int) -> list[Table]:
-    """Carries the operation out by `jax.vmap`, on the arrays of the tables."""
-    arrays = [
+    """Carries the operation out on the arrays of the tables, by `jax.vmap` where samples differ."""
+    mapped = [any(np.shape(component) for component in table.flat) for table in tables]
+    joined = [
         join_table(table, aval(variable).dtype, n)
         for table, variable in zip(tables, equation.invars, strict=True)
     ]
-    results = vmap_operation(equation, arrays, [True] * len(arrays))
+    arrays = [array if m else array[..., 0] for array, m in zip(joined, mapped, strict=True)]
+    if not any(mapped):
+        return [table_of(array, array.shape) for array in evaluate(equation, *arrays)]
+    results = vmap_operation(equation, arrays, mapped)
     return [table_of(array, array.shape[:-1]) for array in results]
 
 
