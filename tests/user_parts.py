@@ -239,6 +239,47 @@ class Danger:
 
 
 @struct
+class Crowded:
+    """Represents a quadratic cost of six states whose penalty depends on all of them."""
+
+    goal: Array = mb.array(ndim=1)
+
+    @property
+    def R(self) -> Array:
+        return jnp.eye(6)
+
+    def base(self, x: Array) -> Array:
+        return jnp.sum((x - jnp.asarray(self.goal)) ** 2)
+
+    def penalty(self, x: Array, surroundings: mb.Surroundings) -> Array:
+        return 1.0 + jnp.tanh(jnp.sum(x))
+
+    def terminal(self, x: Array) -> Array:
+        return self.base(x)
+
+
+@struct
+class RangeOnly:
+    """Represents a point of which the distance to the origin is measured."""
+
+    @property
+    def H(self) -> Array:
+        return 0.1 * jnp.eye(2)
+
+    def f(self, x: Array) -> Array:
+        return jnp.zeros(2)
+
+    def G(self, x: Array) -> Array:
+        return jnp.eye(2)
+
+    def c(self, x: Array) -> Array:
+        return jnp.sqrt(jnp.sum(x**2))[None]
+
+    def sigma_o(self, x: Array) -> Array:
+        return jnp.eye(1)
+
+
+@struct
 class Fare:
     """Represents a cost of two states: the distance to a goal, rounded off below `smoothing`."""
 

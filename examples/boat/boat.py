@@ -47,8 +47,8 @@ class Boat:
 class Crossing:
     """Measures the squared distance to the pier, and a danger near the rocks.
 
-    It has no closed-form moments, so its expectation and variance under a belief are integrated by
-    a cubature rule.
+    Its expectation and variance under a belief are exact for the distance, which is quadratic, and
+    integrated over the position for the danger.
     """
 
     goal: mb.ArrayField = mb.array(ndim=1)  # the pier, m

@@ -8,7 +8,7 @@ import math
 import multiprocessing
 import os
 import signal
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -50,16 +50,16 @@ def in_time() -> Iterator[None]:
 class Study:
     """Runs fake cells under one folder and remembers which were checked."""
 
-    def __init__(self, root: Path, check: Callable[..., None] = lambda config: None) -> None:
+    def __init__(self, root: Path, check: Callable[..., Any] = lambda config: ()) -> None:
         self.root = root
         self.checked: list[int] = []
         self.device: Callable[..., str] = device
         self.variables: dict[str, str] | None = None
         self._check = check
 
-    def check(self, config: dict[str, Any]) -> None:
+    def check(self, config: dict[str, Any]) -> Sequence[str]:
         self.checked.append(config["seed"])
-        self._check(config)
+        return self._check(config)
 
     def run(self, *cells: Cell, n_trials: int = 12, workers: int = 1, **order: Any) -> StudyOutcome:
         task = TrialFunctions(self.check, run_trials, time_steps, failed_row, record, self.device)

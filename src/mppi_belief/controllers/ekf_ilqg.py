@@ -5,6 +5,8 @@ same horizon and cost. Each step starts from the last plan one step later, rolle
 feedback.
 """
 
+from typing import ClassVar
+
 import jax.numpy as jnp
 from jax import Array
 
@@ -35,6 +37,8 @@ class EKFiLQG:
     damping_factor: float = number(default=4.0, gt=1)
     damping_max: float = number(default=1e8, gt=0)
     at_step_end: bool = choice(True, False, default=True)
+
+    expands_cost: ClassVar[bool] = True  # differentiates the cost
 
     def init(self, problem: Problem) -> ilqr.Policy:
         """Returns the plan without control."""

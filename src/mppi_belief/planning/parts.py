@@ -158,6 +158,15 @@ class SampledPaths(Protocol):
         """Returns the weights (N,) of the paths, which add up to one."""
 
 
+@runtime_checkable
+class ExpandsCost(Protocol):
+    """Marks a controller or a part of one that differentiates the cost."""
+
+    @property
+    def expands_cost(self) -> bool:
+        """Says whether the cost is expanded to second order."""
+
+
 class PlanInfo(NamedTuple):
     """Holds the diagnostics of one step of a sampling planner."""
 

@@ -111,8 +111,11 @@ def _check_all(
     device = None
     if configs and not workers.own_environment:
         device = functions.device(configs[0])
+    notes: dict[str, None] = {}
     for config in configs:
-        functions.check(config)
+        notes |= dict.fromkeys(functions.check(config))
+    for note in notes:
+        log_event(f"note: {note}")
     if configs and workers.own_environment:
         device = _device_of_workers(configs[0], functions, pool)
     files.probe(root)

@@ -1,6 +1,6 @@
 """Describes what a study runs, how much of it, and how it ended."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 from .plan import WHOLE, Shard
@@ -14,7 +14,7 @@ class TrialFunctions(NamedTuple):
     `run` knows nothing else of a trial.
     """
 
-    check: Callable[..., None]  # (config); raises where the configuration cannot be run
+    check: Callable[..., Sequence[str]]  # (config); notes; raises where it cannot be run
     run_trials: Callable[..., Any]  # (config, trials); an object with `rows`, `paths` and `scene`
     time_steps: Callable[..., dict[str, Any]]  # (config); times and load, see `timing_load`
     failed_row: Callable[..., Row]  # (config, trial, status, error); a row without result

@@ -2,19 +2,22 @@
 
 import dataclasses
 import functools
+import warnings
 from typing import Any, NamedTuple
 
 import jax
 import numpy as np
 
+from ..belief.integration import ManyNodesWarning
 from ..config.targets import locate
 from ..errors import ConfigError, FieldError, unknown_key
 from ..numerics.jax_settings import pin_jax_settings
 from ..problem import Controller, Filter, Problem
 from ..simulate import simulate_trial
 from ..structs import is_struct
+from .derivatives import derivative_notes
 from .traced_fields import reason_of
-from .validate import check_numbers, check_problem
+from .validate import check_numbers, check_problem, checked_states
 
 
 class CellParts(NamedTuple):
@@ -42,10 +45,11 @@ def build(config: dict[str, Any]) -> CellParts:
     return CellParts(problem, filter, controller)
 
 
-def check(config: dict[str, Any]) -> None:
+def check(config: dict[str, Any]) -> list[str]:
     """Checks that a configuration can be run, without running a trial; raises `ConfigError`.
 
-    Everything is built, computed at a few states, and one trial is traced.
+    Everything is built, computed at a few states, and one trial is traced. Returns lines about what
+    can be run and is worth knowing: derivatives that are missing, expectations that are slow.
     """
     parts = build(config)
     precision = config["precision"]
@@ -53,7 +57,9 @@ def check(config: dict[str, Any]) -> None:
         check_numbers(parts, precision)
         check_problem(parts.problem, precision)
         leaves, structure = jax.tree.flatten(parts)
-        _check_trial(structure, tuple(np.shape(leaf) for leaf in leaves), precision)
+        slow = _check_trial(structure, tuple(np.shape(leaf) for leaf in leaves), precision)
+        states = checked_states(parts.problem).astype(precision)
+        return [*slow, *derivative_notes(parts.problem, parts.controller, states)]
 
 
 def _make_group(config: dict[str, Any], group: str, parts: dict[str, Any] | None = None) -> Any:
@@ -93,11 +99,25 @@ def _make(node: Any, path: str, parts: dict[str, Any] | None = None) -> Any:
 
 
 @functools.cache
-def _check_trial(structure: Any, shapes: tuple[tuple[int, ...], ...], precision: str) -> None:
-    """Traces a trial of this structure, in the current precision and once for all numbers."""
+def _check_trial(
+    structure: Any, shapes: tuple[tuple[int, ...], ...], precision: str
+) -> tuple[str, ...]:
+    """Traces a trial of this structure, in the current precision and once for all numbers.
+
+    Returns a line for every function of the cost whose expectation takes many evaluations.
+    """
     parts = jax.tree.unflatten(structure, [jax.ShapeDtypeStruct(shape, float) for shape in shapes])
     try:
-        jax.eval_shape(simulate_trial, *parts, 0, 0)
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always", ManyNodesWarning)
+            jax.eval_shape(simulate_trial, *parts, 0, 0)
     except Exception as error:
         reason = reason_of(error, parts.controller, parts.filter, parts.problem)
         raise ConfigError(f"filter or controller does not fit the problem: {reason}") from error
+    messages = []
+    for each in caught:
+        if each.category is ManyNodesWarning:
+            messages.append(str(each.message))
+        else:
+            warnings.showwarning(each.message, each.category, each.filename, each.lineno)
+    return tuple(dict.fromkeys(messages))

@@ -2,12 +2,14 @@
 
 import logging
 import os
+import warnings
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from typing import Any
 
 import jax
 
+from ..belief.integration import ManyNodesWarning
 from ..errors import ConfigError, first_line
 from ..numerics.jax_settings import pin_jax_settings
 
@@ -46,6 +48,8 @@ def computing(config: dict[str, Any]) -> Iterator[None]:
     device(config)
     with ExitStack() as settings:
         settings.enter_context(jax.enable_x64(config["precision"] == "float64"))
+        settings.enter_context(warnings.catch_warnings())
+        warnings.simplefilter("ignore", ManyNodesWarning)  # `check` has said it once for the run
         if config["platform"] == "gpu":
             # A GPU multiplies float32 matrices with a mantissa of 10 bits otherwise.
             settings.enter_context(jax.default_matmul_precision("highest"))

@@ -126,7 +126,7 @@ def _values(problem: Problem, states: Array) -> dict[str, Array]:
 
 def _check_values(problem: Problem, precision: str) -> None:
     """Raises `ConfigError` for a value that is not finite, a singular sigma_o, an unfit R."""
-    states = _states(problem).astype(precision)
+    states = checked_states(problem).astype(precision)
     try:
         results = _values(problem, states)
     except Exception as error:
@@ -152,7 +152,7 @@ def _check_values(problem: Problem, precision: str) -> None:
     _check_control_weight(values["cost.R"][0])
 
 
-def _states(problem: Problem) -> np.ndarray:
+def checked_states(problem: Problem) -> np.ndarray:
     """Returns the states (P, nx) at which values are checked."""
     mean = np.asarray(problem.prior_mean)
     std = np.asarray(problem.prior_std)

@@ -6,6 +6,8 @@ nominal sampler. In the limit of many paths the controls of both are the same, u
 R dt > temperature / control_std^2.
 """
 
+from typing import ClassVar
+
 from jax import Array
 
 from ...problem import Problem
@@ -20,6 +22,8 @@ from .control_density import ControlDensity
 @struct
 class LaplaceSampler(ControlDensity):
     """Draws controls from the policy of the Laplace approximation."""
+
+    expands_cost: ClassVar[bool] = True  # differentiates the cost
 
     def prepare(
         self,
