@@ -55,11 +55,12 @@ def test_python_in_documents_runs_in_order(document, tmp_path, monkeypatch):
     table.write_rows(tmp_path / "outputs" / "results" / "belief-0123", rows, {"config": {}})
     namespace: dict[str, object] = {}
     for block in code_blocks(document):
-        if block.mark is None:
-            source = compile("\n" * block.line + block.code, str(document), "exec")
-            exec(source, namespace)
-        elif block.mark != "excerpt":
+        if block.mark == "excerpt":
+            continue
+        if block.mark is not None:
             assert block.code == (ROOT / block.mark.removeprefix("file: ")).read_text()
+        source = compile("\n" * block.line + block.code, str(document), "exec")
+        exec(source, namespace)
     plt.close("all")
 
 
