@@ -139,9 +139,10 @@ def test_trials_without_result_are_written_down_and_counted_as_done(
 
 
 def test_all_cells_with_missing_trials_are_checked_before_any_runs(tmp_path):
-    def refuse(config: dict[str, Any]) -> None:
+    def refuse(config: dict[str, Any]) -> Sequence[str]:
         if config["seed"] == 3:
             raise ValueError("seed 3 will not do")
+        return ()
 
     study = Study(tmp_path / "results", refuse)
     cells = [Cell(config(seed=seed)) for seed in (1, 2, 3)]
