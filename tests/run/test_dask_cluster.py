@@ -304,7 +304,7 @@ def test_an_exception_that_cannot_be_sent_is_told_in_words(monkeypatch):
 
 
 def test_real_workers_one_of_which_is_killed_give_the_same_results(tmp_path):
-    task = TrialFunctions(lambda config: None, run_trials, time_steps, failed_row, record, device)
+    task = TrialFunctions(lambda config: (), run_trials, time_steps, failed_row, record, device)
     hashes = {}
     flag = tmp_path / "flag"
     for kind in ("local", "dask"):
