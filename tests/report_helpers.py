@@ -84,12 +84,14 @@ def results_of(
     rows: Sequence[dict[str, Any]],
     wanted: int | None = None,
     sources: Sequence[dict[str, Any]] = (),
+    departures: tuple[str, ...] | None = (),
 ) -> CellResults:
-    """Returns the cell with these rows as its results."""
+    """Returns the cell with these rows as its results; with the paper's settings, as it is."""
     table = pd.DataFrame(list(rows), columns=[*row(0)])
     wanted = len(rows) if wanted is None else wanted
+    paths = pd.DataFrame(columns=[*PATH_COLUMNS])
     return CellResults(
-        cell, wanted, table, pd.DataFrame(columns=[*PATH_COLUMNS]), None, [], None, list(sources)
+        cell, wanted, table, paths, None, [], None, list(sources), departures=departures
     )
 
 
@@ -139,11 +141,11 @@ def store_pictured(folder: Path, trial: int, steps: int = 3) -> None:
 
 
 def read_all(root: Path, *cells: Cell, wanted: int = 200) -> list[CellResults]:
-    """Reads cells as the report does; fails if it warns about anything."""
+    """Reads cells as the report does, with the paper's settings; fails if it warns of anything."""
     complaints: list[str] = []
     cells_read = [read_cell_results(cell, root, wanted, complaints.append) for cell in cells]
     assert complaints == []
-    return cells_read
+    return [cell._replace(departures=()) for cell in cells_read]
 
 
 def rows_on_disk(root: Path, cell: Cell) -> pd.DataFrame:

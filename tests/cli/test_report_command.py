@@ -360,10 +360,12 @@ def test_a_study_of_a_users_own_has_a_section(report, root, folder, tmp_path):
     ended = report(*study)
     assert (ended.code, ended.err) == (0, "")
     assert report(*study[2:], *study[:2]) == ended
-    assert files_in(folder) == ["index.html", "two_seeds.csv", "two_seeds.md"]
+    tables = ["two_seeds.csv", "two_seeds.md", "two_seeds.tex"]
+    pictures = ["two_seeds_cells.pdf", "two_seeds_cells.png"]
+    assert files_in(folder) == ["index.html", *tables, *pictures]
     assert pd.read_csv(folder / "two_seeds.csv")["seed"].tolist() == [4, 5]
     page = (folder / "index.html").read_text()
-    assert re.search(r"<h2[^>]*>\s*two_seeds", page)
+    assert re.search(r"<h1>\s*two_seeds</h1>", page)
     assert "two_seeds.csv" in page
 
 
@@ -383,3 +385,90 @@ def test_another_folder_and_other_settings_are_obeyed(report, tmp_path):
         pd.read_csv(tmp_path / "elsewhere" / "report" / "reference_scenario.csv")["trials"].tolist()
         == [4] * 2
     )
+
+
+BOAT = ["--config-dir", str(conf_dir().parent / "examples" / "boat")]
+
+
+def texts_of(folder: Path) -> str:
+    """Returns all text that a report has written, without the pictures in its page."""
+    texts = [
+        path.read_text()
+        for path in folder.iterdir()
+        if path.suffix in (".html", ".tex", ".md", ".csv")
+    ]
+    return re.sub(r"data:image/[^\"]*|<style>.*?</style>", "", "\n".join(texts), flags=re.DOTALL)
+
+
+def assert_nothing_of_the_paper(folder: Path) -> None:
+    """Fails where a report of other settings speaks of the paper or shows its numbers."""
+    text = texts_of(folder)
+    for word in ("Das and Tanaka", "Table I", "Fig. 1", "paper", "56.5", "23.0", "50.5"):
+        assert word not in text, word
+    assert not [name for name in files_in(folder) if name.startswith(("table_1.", "figure_1"))]
+
+
+@pytest.mark.parametrize(
+    ("words", "n", "title"),
+    [
+        ([*BOAT, "-m", "system=boat", "theta=0,0.1"], 2, "MPPI-Belief on boat by theta"),
+        ([*BOAT, "system=boat"], 1, "MPPI-Belief on boat"),
+        ([*BOAT, "experiment=crossing"], 4, "Crossing the river"),
+        (["-m", "problem.steps=20,30"], 2, "MPPI-Belief on light_dark by problem.steps"),
+        (
+            ["experiment=table_1", "problem.steps=20"],
+            4,
+            "table_1 with problem.steps=20 n_trials=12",
+        ),
+        ([*BOAT, "experiment=table_1", "system=boat"], 4, "table_1 with system=boat n_trials=12"),
+        (["-m", "seed=1,2"], 2, "MPPI-Belief on light_dark by seed"),
+    ],
+    ids=["sweep", "cell", "study", "our system", "changed study", "boats in Table I", "seeds"],
+)
+def test_any_other_problem_has_a_report_of_its_own(words, n, title, report, root, folder):
+    words = [*words, "n_trials=12"]
+    assert len(fill(root, *words)) == n
+    ended = report(*words)
+    assert (ended.code, ended.err) == (0, "")
+    assert f"<h1>{title}</h1>" in (folder / "index.html").read_text()
+    assert_nothing_of_the_paper(folder)
+    stems = {name.partition(".")[0] for name in files_in(folder) if name.endswith(".tex")}
+    assert "table_1" not in stems
+    assert stems
+
+
+def test_the_command_for_the_missing_trials_of_a_sweep_runs_that_sweep(report):
+    words = [*BOAT, "-m", "system=boat", "theta=0,0.1", "n_trials=12"]
+    ended = report(*words)
+    assert ended.code == 3
+    (line,) = [line for line in ended.out.splitlines() if line.startswith("missing")]
+    sentence, _, command = line.partition("; ")
+    assert sentence == "missing: 24 trials in 2 of 2 cells of sweep"
+    args = shlex.split(command)[2:]
+    assert [cell.id for cell in cells(*args)] == [cell.id for cell in cells(*words)]
+
+
+def test_a_part_of_the_papers_study_keeps_its_numbers(report, root, folder):
+    words = ["experiment=table_1", "controller=belief,ce", "seed=3", "n_trials=12"]
+    fill(root, *words)
+    assert report(*words).code == 0
+    text = texts_of(folder)
+    assert "56.5 ± 5.2" in text
+    assert "46.1" not in (folder / "table_1.md").read_text()  # EKF-iLQG is not among the cells
+    assert "Das and Tanaka" in text
+
+
+def test_settings_that_change_no_cell_leave_the_papers_report(report, folder, tmp_path):
+    ended = report("n_trials=3", "seed=2", f"results_dir={tmp_path / 'none'}")
+    assert ended.code == 3
+    for name in STUDIES:
+        assert f" of {name}; " in ended.out
+    assert "certificates" in ended.out
+    assert "Das and Tanaka" in (folder / "index.html").read_text()
+
+
+def test_the_title_and_question_of_a_study_make_no_other_cell():
+    (cell,) = cells("theta=1")
+    (titled,) = cells("theta=1", "title=Mine", "question='What, then?'")
+    assert titled.id == cell.id
+    assert titled.config["swept"] == cell.config["swept"]

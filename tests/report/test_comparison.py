@@ -9,14 +9,17 @@ import pytest
 from scipy import stats
 
 from mppi_belief.report.cell_results import CellResults, paired_rows
-from mppi_belief.report.comparison import method_differences
-from mppi_belief.report.elements import write_page_table
+from mppi_belief.report.comparison import baseline_pairs, method_differences, multiplicity_text
+from mppi_belief.report.elements import bold_lowest_rate, drawn_text, write_page_table
+from mppi_belief.report.page import PageTable
 from mppi_belief.report.sections.table_1 import table_1_frame, table_1_latex
+from mppi_belief.report.statistics import holm_adjusted
 from report_helpers import (
     cell_of,
     failed_trial,
     random_trials,
     read_all,
+    results_of,
     rows_on_disk,
     store_results,
     trial_rows,
@@ -26,6 +29,7 @@ from study_helpers import row
 METHODS = {"belief": (0.0, 56.0), "ce": (0.3, 50.0), "pipf": (0.2, 47.0), "ilqg": (0.25, 46.0)}
 CELLS = {method: cell_of(method) for method in METHODS}
 SECONDS = {"belief": 0.018, "ce": 0.013, "pipf": 0.296}  # none of ilqg
+TIMES = {"belief": "18.0", "ce": "13.0", "pipf": "296"}  # ms, three significant digits
 PAPER = {  # Table I
     "MPPI-Belief": ("56.5 ± 5.2", "0.0", "18"),
     "CE-MPPI": ("50.5 ± 6.2", "23.0", "13"),
@@ -137,21 +141,27 @@ def body_of(latex: str) -> list[list[str]]:
     return [
         [cell.strip() for cell in line.removesuffix(r"\\").split(" & ")]
         for line in body.splitlines()
+        if not line.startswith(r"\addlinespace")
     ]
 
 
 def test_latex_says_what_is_in_the_files(cells, disk):
-    lines = body_of(table_1_latex(cells))
+    body = body_of(table_1_latex(cells))
+    lines = body[::2]
     assert [texts[0] for texts in lines] == [*PAPER]
-    for texts, (method, rows) in zip(lines, disk.items(), strict=True):
-        assert len(texts) == 7
+    pairs = zip(lines, body[1::2], disk.items(), strict=True)
+    for texts, published, (method, rows) in pairs:
+        assert texts[1:3] == ["here", str(len(rows))]
         np.testing.assert_allclose(
-            numbers_in(texts[1]), (rows["cost"].mean(), rows["cost"].std()), atol=0.0501
+            numbers_in(texts[3]), (rows["cost"].mean(), rows["cost"].std()), atol=0.0501
         )
-        np.testing.assert_allclose(numbers_in(texts[2]), clopper_pearson(rows), atol=0.0501)
-        assert texts[3] == (f"{1e3 * SECONDS[method]:.1f}" if method in SECONDS else "--")
+        np.testing.assert_allclose(numbers_in(texts[4]), clopper_pearson(rows), atol=0.0501)
+        assert texts[5] == (
+            f"{1e3 * SECONDS[method]:#.3g}".rstrip(".") if method in SECONDS else "--"
+        )
         cost, rate, ms = PAPER[texts[0]]
-        assert texts[4:] == [f"${cost.replace('±', chr(92) + 'pm')}$", rf"{rate}\%", ms]
+        cost = f"${cost.replace('±', chr(92) + 'pm')}$"
+        assert published == ["", "paper", "200", cost, rate, ms]
 
 
 def assert_sound(latex: str) -> None:
@@ -169,10 +179,10 @@ def assert_sound(latex: str) -> None:
             assert opened.pop() == name
     assert opened == []
     rules = re.findall(r"\\(toprule|cmidrule|midrule|bottomrule|hline)", latex)
-    assert rules == ["toprule", "cmidrule", "cmidrule", "midrule", "bottomrule"]
-    columns = len(re.search(r"\\begin\{tabular\}\{([lcr]+)\}", latex)[1])
+    assert rules == ["toprule", "midrule", "bottomrule"]
+    columns = len(re.search(r"\\begin\{tabular\}\{@\{\}([lcr]+)@\{\}\}", latex)[1])
     rows = [line for line in latex.splitlines() if line.endswith(r"\\")]
-    assert len(rows) >= 3
+    assert len(rows) >= 2
     for line in rows:
         spans = [int(span) for span in re.findall(r"\\multicolumn\{(\d+)\}", line)]
         assert len(re.findall(r"(?<!\\)&", line)) + 1 + sum(spans) - len(spans) == columns
@@ -198,6 +208,7 @@ def test_methods_are_compared_over_the_good_trials_that_both_have(cells, disk):
     assert frame["Difference"].tolist() == [
         f"MPPI-Belief - {name}" for name in ("CE-MPPI", "PIPF", "EKF-iLQG")
     ]
+    p_values = []
     for (_, line), method in zip(frame.iterrows(), ("ce", "pipf", "ilqg"), strict=True):
         both = disk["belief"].merge(
             disk[method], left_index=True, right_index=True, suffixes=("_1", "_2")
@@ -215,9 +226,13 @@ def test_methods_are_compared_over_the_good_trials_that_both_have(cells, disk):
         value, low, high = numbers_in(line["Collisions, points [95 %]"])
         assert value == pytest.approx(100 * hits.mean(), abs=0.0501)
         p = stats.binomtest(int((hits > 0).sum()), int((hits != 0).sum())).pvalue
-        assert float(line["McNemar p"]) == pytest.approx(p, rel=0.06)
+        p_values.append(p)
         assert p < 1e-6
         assert high < 0
+    adjusted = [float(text) for text in frame["McNemar p (Holm)"]]
+    np.testing.assert_allclose(adjusted, holm_adjusted(p_values), rtol=0.06)
+    caption = multiplicity_text(frame)
+    assert caption.endswith("McNemar's exact p is adjusted by Holm's method for 3 tests")
 
 
 def test_pairs_are_made_by_trial_and_not_by_place(tmp_path):
@@ -234,7 +249,7 @@ def test_pairs_are_made_by_trial_and_not_by_place(tmp_path):
     (line,) = method_differences(cells).to_dict("records")
     assert line["Pairs"] == "5"
     assert line["Cost [95 %]"].startswith("2.80 [")
-    assert line["McNemar p"] == "1"
+    assert line["McNemar p (Holm)"] == "1"
 
 
 def test_without_common_trials_or_without_a_reference_nothing_is_claimed(tmp_path):
@@ -257,6 +272,80 @@ def test_a_table_of_nothing_and_of_failures_can_be_written(tmp_path):
     frame = table_1_frame(cells)
     assert frame["Trials"].tolist() == ["0", "0"]
     assert set(frame[["Cost", "Collision %", "Time ms (p95)"]].to_numpy().ravel()) == {"-"}
-    assert [texts[1:4] for texts in body_of(table_1_latex(cells))] == [["--"] * 3] * 2
+    ours = body_of(table_1_latex(cells))[::2]
+    assert [texts[2:] for texts in ours] == [["0", "--", "--", "--"]] * 2
     write_page_table(tmp_path, "table_1", "Table I", frame, cells)
     assert pd.read_csv(tmp_path / "table_1.csv")["failed"].tolist() == [0, 2]
+
+
+def method_cells(*settings: tuple[str, float, float, int]) -> list[CellResults]:
+    """Cells of these methods, thetas, weights and seeds."""
+    return [
+        results_of(cell_of(method, theta, w_obs, seed), trial_rows(5))
+        for method, theta, w_obs, seed in settings
+    ]
+
+
+def pair_titles(cells: list[CellResults]) -> list[str]:
+    return [pair.title for pair in baseline_pairs(cells)]
+
+
+def test_a_cell_is_compared_with_the_same_settings_of_the_first_method():
+    nan = float("nan")
+    cells = method_cells(
+        ("belief", 1.0, 100.0, 0),
+        ("belief", 1.0, 500.0, 0),
+        ("ce", nan, 100.0, 0),
+        ("ce", nan, 500.0, 0),
+    )
+    assert pair_titles(cells) == [
+        "MPPI-Belief (w_obs 500) - MPPI-Belief (w_obs 100)",
+        "CE-MPPI (w_obs 100) - MPPI-Belief (w_obs 100)",
+        "CE-MPPI (w_obs 500) - MPPI-Belief (w_obs 500)",
+    ]
+    first, *_ = baseline_pairs(cells)
+    assert (first.first, first.second) == (cells[1], cells[0])
+
+
+def test_cells_of_two_seeds_or_systems_meet_other_noise_and_are_not_paired():
+    seeds = method_cells(
+        ("belief", 1.0, 100.0, 0), ("belief", 1.0, 100.0, 1), ("ce", 0.0, 100.0, 1)
+    )
+    assert len(baseline_pairs(seeds)) == 1
+    assert baseline_pairs(seeds)[0].second is seeds[1]
+    (cell,) = method_cells(("ce", 0.0, 100.0, 0))
+    config = cell.config | {"names": cell.config["names"] | {"system": "boat"}}
+    boat = cell._replace(cell=cell.cell._replace(config=config))
+    assert baseline_pairs([cell, boat]) == []
+
+
+def test_a_rate_is_bold_only_where_no_interval_overlaps(cells):
+    table = PageTable("t", "Table I", table_1_frame(cells))
+    bold = bold_lowest_rate(table, cells, "Collision %")
+    assert bold.bold == [(0, list(table.frame.columns).index("Collision %"))]
+    assert "below the intervals of all others" in bold.caption
+    few = [results_of(cell.cell, cell.good.head(12).to_dict("records")) for cell in cells]
+    assert [int(cell.collided.sum()) for cell in few].count(0) == 1  # the lowest, by chance
+    assert bold_lowest_rate(table, few, "Collision %") == table
+
+
+def test_captions_count_what_is_drawn(tmp_path):
+    (cell,) = method_cells(("belief", 1.0, 100.0, 0))
+    path_rows = pd.DataFrame({"trial": [0, 0, 3, 7], "step": [0, 1, 0, 0]})  # 7 is no good trial
+    pictured = cell._replace(paths=path_rows)
+    assert drawn_text([pictured]) == "2 of 5 trials are drawn"
+    assert drawn_text([pictured, cell]) == "2 of 5 trials are drawn"  # the other has no panel
+    assert drawn_text([pictured, pictured]) == "2 of 5 trials of each panel are drawn"
+    single = cell._replace(paths=path_rows.head(2))
+    assert drawn_text([single]) == "1 of 5 trials is drawn"
+    assert drawn_text([single, pictured]) == "1 to 2 of 5 trials of each panel are drawn"
+
+
+@pytest.mark.parametrize("departures", [None, ("problem.steps",)])
+def test_table_1_of_other_settings_has_no_number_of_the_paper(departures, cells):
+    others = [cell._replace(departures=departures) for cell in cells]
+    frame = table_1_frame(others)
+    papers = [column for column in frame if column.startswith("Paper")]
+    assert set(frame[papers].to_numpy().ravel()) == {"-"}
+    assert "paper" not in table_1_latex(others)
+    assert "56.5" not in table_1_latex(others)

@@ -123,6 +123,7 @@ def cell_with(
     record: dict[str, Any] | None = None,
     bad: Sequence[dict[str, Any]] = (),
     seed: int = 0,
+    departures: tuple[str, ...] | None = (),
 ) -> CellResults:
     """Returns a cell with n good trials, `with_paths` of them with paths, and some bad ones."""
     rows = pd.DataFrame(
@@ -140,6 +141,7 @@ def cell_with(
         list(seconds),
         record,
         [],
+        departures=departures,
     )
 
 
@@ -500,6 +502,18 @@ def test_residuals_over_time_with_the_papers_value():
     assert best.get_ylim()[0] == 0
     assert best.get_ylim()[1] >= 1
     assert legend(figure)[-1] == "paper: 0.79"
+
+
+def test_the_papers_values_are_not_drawn_beside_other_settings():
+    boats = [cell_with(cell(theta=theta), departures=None) for theta in (0.0, 1.0)]
+    other_goal = [cell_with(cell(), departures=("cost.goal",))]
+    for given in (boats, other_goal):
+        for figure in (figures.figure_2(given), figures.theta_figure(given)):
+            assert "paper" not in legend(figure)
+            for axes in figure.axes:
+                assert not [line for line in axes.lines if line.get_markerfacecolor() == "none"]
+    recorded = cell_with(with_paths=1, record=recording(), departures=("system.light",))
+    assert not [text for text in legend(figures.residual_figure(recorded)) if "paper" in text]
 
 
 def test_a_controller_without_temperature_and_a_line_have_one_panel():

@@ -101,7 +101,9 @@ def test_uncommitted_changes_give_a_warning():
 
 def test_fewer_trials_than_the_papers_give_a_warning():
     (line,) = trial_warnings([results_of(cell_of(), trial_rows(50), 50, [source()])])
-    assert line.startswith("50 trials per cell are fewer than the paper's 200")
+    assert line.startswith("The report asks for 50 trials per cell, the paper has 200")
+    own = results_of(cell_of(), trial_rows(50), 50, [source()], departures=None)
+    assert trial_warnings([own]) == []
     assert trial_warnings([results_of(cell_of(), trial_rows(250), 250, [source()])]) == []
 
 
@@ -113,6 +115,9 @@ def test_missing_trials_are_counted_and_failed_ones_too():
     broken = [*trial_rows(197), *(failed_trial(trial) for trial in range(197, 200))]
     (line,) = trial_warnings([complete(), results_of(cell_of("ce"), broken, 200, [source()])])
     assert line.startswith("3 trials failed")
+    broken = [*trial_rows(199), failed_trial(199)]
+    (line,) = trial_warnings([results_of(cell_of("ce"), broken, 200, [source()])])
+    assert line.startswith("1 trial failed")
 
 
 def test_everything_at_once_is_a_line_each():

@@ -1,6 +1,7 @@
 """Published numbers against ours: each number once, z by hand, claims with their exceptions."""
 
 import math
+import re
 from collections.abc import Sequence
 
 import pytest
@@ -8,7 +9,13 @@ import pytest
 from mppi_belief.report.agreement import FITTED, HELD_OUT, ComparedNumber, compare_numbers
 from mppi_belief.report.cell_results import CellResults
 from mppi_belief.report.sections import reproduction
-from mppi_belief.report.sections.reproduction import compared_frame, judged_claims, verdict
+from mppi_belief.report.sections.reproduction import (
+    compared_frame,
+    multiplicity_verdict,
+    reproduction_sections,
+    verdict,
+)
+from mppi_belief.report.statistics import holm_adjusted, two_sided_p
 from report_helpers import cell_of, failed_trial, results_of, trial_rows
 
 TABLE_1 = {  # cost, spread, collisions in %, as printed
@@ -214,18 +221,21 @@ def test_trials_without_a_spread_do_not_stop_a_report(clearance):
     assert [line.label for line in lines if "clearance" in line.label] == ["theta 0, clearance m"]
     for kind in (FITTED, HELD_OUT):
         assert len(compared_frame(lines, kind)) == 3
-        assert "numbers agree" in verdict(lines, kind)
+        assert re.search("numbers? agrees? within", verdict(lines, kind))
 
 
 def test_the_frame_has_the_lines_of_one_kind():
     lines = [
-        ComparedNumber(FITTED, "a", "1.0", "2.0", 1.26),
+        ComparedNumber(FITTED, "a", "1.0", "2.0", 1.26, p=0.415),
         ComparedNumber(HELD_OUT, "b", "3", "4", -0.5),
         ComparedNumber(FITTED, "c", "5", "6", math.nan),
     ]
     frame = compared_frame(lines, FITTED)
-    assert frame.to_numpy().tolist() == [["a", "1.0", "2.0", "+1.3"], ["c", "5", "6", "-"]]
-    assert compared_frame(lines, HELD_OUT).to_numpy().tolist() == [["b", "3", "4", "-0.5"]]
+    assert frame.to_numpy().tolist() == [
+        ["a", "1.0", "2.0", "+1.3", "0.41"],
+        ["c", "5", "6", "-", "-"],
+    ]
+    assert compared_frame(lines, HELD_OUT).to_numpy().tolist() == [["b", "3", "4", "-0.5", "-"]]
     assert compared_frame([], FITTED).empty
 
 
@@ -252,69 +262,58 @@ def test_ranges_are_counted_apart():
         ComparedNumber(HELD_OUT, f"c{z}", "1 to 2", "2", z, is_range=True) for z in (0.0, 0.0, 3.0)
     ]
     start_of_verdict = (
-        "1 of the 2 held-out numbers agree within 2 standard errors, and 2 of 3 ranges are met; "
+        "1 of the 2 held-out numbers agrees within 2 standard errors, and 2 of 3 ranges met; "
     )
     assert verdict(lines, HELD_OUT).startswith(start_of_verdict)
 
 
-def claim(measured: Sequence[str], start: str) -> str:
-    (line,) = [line for line in measured if line.startswith(start)]
-    return line
+def test_p_values_are_adjusted_for_all_comparisons_of_the_page():
+    lines = compare_numbers(table_1(belief=9), thetas(), weights())
+    expected = holm_adjusted([two_sided_p(line.z) for line in lines])
+    assert [line.p for line in lines] == expected
+    (collisions,) = [line for line in lines if line.label == "MPPI-Belief, collisions %"]
+    z = likelihood_ratio(9, 200, 0, 200)
+    # All other comparisons agree, so this is the smallest of all p-values.
+    assert collisions.p == pytest.approx(len(lines) * math.erfc(z / math.sqrt(2)), rel=1e-6)
 
 
-ABOVE = "Every baseline collides"
-FREE = "No baseline is free"
-BELOW = "MPPI-Belief collides in less"
-
-
-def test_claims_that_hold_say_so():
-    measured = judged_claims(table_1(), weights())
-    assert len(measured) == 4
-    assert measured[0] == "MPPI-Belief at theta = 1 has 0 collisions in 200 trials, as published."
-    for start in (ABOVE, FREE, BELOW):
-        assert claim(measured, start).endswith(": holds.")
-
-
-def test_claims_name_exactly_the_cells_where_they_fail():
-    first = table_1(belief=1, pipf=20)  # 10.0 % is not more than 10 %
-    cells = [
-        *sweep("ce", {100.0: 10.5, 500.0: 23.0, 10000.0: 0.0}),
-        *sweep("pipf", {500.0: 10.0, 1000.0: 30.0}),  # the first is Table I's own cell
-        *sweep("belief", {100.0: 50.0, 250.0: 1.0, 500.0: 1.0, 1000.0: 0.5, 2500.0: 2.5}),
+def test_what_so_many_comparisons_mean_is_said():
+    z = [2.5, -1.0, 0.3, 9.0, *[0.0] * 44]
+    adjusted = holm_adjusted([two_sided_p(value) for value in z])
+    lines = [
+        ComparedNumber(FITTED, f"number {k}", "1", "2", value, p=p)
+        for k, (value, p) in enumerate(zip(z, adjusted, strict=True))
     ]
-    measured = judged_claims(first, cells)
-    assert (
-        measured[0]
-        == "MPPI-Belief at theta = 1 has 1 collisions in 200 trials; the paper has none."
-    )
-    assert claim(measured, ABOVE).endswith(
-        ": fails for PIPF at w_obs = 500 (10.0 %), CE-MPPI at w_obs = 10000 (0.0 %)."
-    )
-    assert claim(measured, FREE).endswith(": fails for CE-MPPI at w_obs = 10000 (0.0 %).")
-    assert claim(measured, BELOW).endswith(
-        ": fails for MPPI-Belief at w_obs = 500 (1.0 %), MPPI-Belief at w_obs = 2500 (2.5 %)."
-    )
+    text = multiplicity_verdict(lines)
+    assert text.startswith("Of 48 comparisons 2 lie beyond 2 standard errors; at most 2.2 would")
+    assert "number 3 (p = " in text
+    assert "number 0" not in text  # 48 such numbers would hold one or two by chance
+    assert multiplicity_verdict(lines[1:3]).endswith("no number differs.")
 
 
-def test_claims_are_made_of_what_there_is():
-    assert judged_claims([], []) == []
-    only = judged_claims(
-        [results_of(cell_of(), [failed_trial(0)]), results_of(cell_of("ce"), [])],
-        sweep("belief", {100.0: 50.0, 250.0: 20.0}),
-    )
-    assert only == []
-    (line,) = judged_claims([results_of(cell_of(), [*trial_rows(4, 1), failed_trial(4)])], [])
-    assert "1 collisions in 4 trials" in line
-    assert len(judged_claims([results_of(cell_of("ce"), trial_rows(10, 3))], [])) == 2
+@pytest.mark.parametrize("departures", [None, ("cost.goal",), ("system._target_",)])
+def test_other_problems_are_not_compared_with_the_paper(departures, tmp_path):
+    """A boat has MPPI-Belief, a theta and a weight, too."""
+    others = [
+        [cell._replace(departures=departures) for cell in cells]
+        for cells in (table_1(), thetas(), weights())
+    ]
+    assert compare_numbers(*others) == []
+    studies = dict(zip(("table_1", "theta_sweep", "w_obs_sweep"), others, strict=True))
+    assert reproduction_sections(studies, tmp_path) == []
 
 
-def test_other_methods_are_no_baselines_of_the_paper():
-    assert (
-        judged_claims(
-            [results_of(cell_of("oracle"), trial_rows(10, 0))], sweep("lqg", {500.0: 0.0})
-        )
-        == []
-    )
+def test_each_sweep_may_vary_its_own_key_and_no_other():
+    theta = ("controller.path_cost.theta",)
+    weight = ("cost.w_obs",)
+    moved = [[cell._replace(departures=theta) for cell in thetas()]]
+    moved.append([cell._replace(departures=weight) for cell in weights()])
+    assert compare_numbers([], *moved) == compare_numbers([], thetas(), weights())
+    assert compare_numbers(moved[0], moved[1], moved[0]) == []
+
+
+def test_a_weight_outside_the_papers_range_is_not_compared():
+    assert compare_numbers([], [], sweep("ce", {30.0: 50.0, 20000.0: 5.0})) == []
 
 
 def test_agreement_is_within_two_standard_errors():

@@ -11,7 +11,16 @@ from scipy import stats
 
 from helpers import SIGMAS
 from mppi_belief.report import statistics
-from mppi_belief.report.statistics import Estimate, paired_mean_difference, paired_rate_difference
+from mppi_belief.report.statistics import (
+    NO_ESTIMATE,
+    Estimate,
+    holm_adjusted,
+    lowest_apart,
+    paired_mean_difference,
+    paired_rate_difference,
+    proportion_interval,
+    two_sided_p,
+)
 
 SMALL_COUNTS = st.integers(0, 25)
 
@@ -190,3 +199,59 @@ def test_the_rate_interval_covers_the_difference_about_as_often_as_it_says(only_
                 (_, low, high), _ = paired_rate_difference(*pairs(*counts[:2], neither=counts[2]))
                 covered += share * (low - 1e-12 <= only_first - only_second <= high + 1e-12)
     assert covered > 0.93
+
+
+def holm_by_hand(p_values: list[float]) -> list[float]:
+    """Steps down: the k-th smallest of m counts m - k + 1 times, and no less than one before it."""
+    adjusted = dict.fromkeys(range(len(p_values)), 0.0)
+    before = 0.0
+    remaining = len(p_values)
+    for index in sorted(adjusted, key=lambda i: p_values[i]):
+        before = max(before, min(1.0, remaining * p_values[index]))
+        adjusted[index] = before
+        remaining -= 1
+    return [*adjusted.values()]
+
+
+@given(st.lists(st.floats(0, 1), max_size=12))
+def test_holms_p_values_are_those_of_his_procedure(p_values):
+    np.testing.assert_allclose(holm_adjusted(p_values), holm_by_hand(p_values), rtol=1e-12)
+
+
+def test_holms_own_example_and_tests_without_a_result():
+    # p of 0.01, 0.02, 0.03, 0.04, 0.05: 5 x 0.01, 4 x 0.02, then no less than the one before
+    np.testing.assert_allclose(
+        holm_adjusted([0.05, 0.01, 0.02, 0.04, 0.03]), [0.09, 0.05, 0.08, 0.09, 0.09]
+    )
+    np.testing.assert_allclose(holm_adjusted([0.03, math.nan, 0.01]), [0.03, math.nan, 0.02])
+    assert holm_adjusted([]) == []
+
+
+def test_holm_keeps_the_probability_of_any_error(rng):
+    """Of 48 equal numbers 2.4 lie beyond 1.96; after the correction one in 5 % of the studies."""
+    z = rng.normal(size=(2000, 48))
+    p = np.vectorize(two_sided_p)(z)
+    assert abs((p < 0.05).sum(axis=1).mean() - 2.4) < SIGMAS * math.sqrt(48 * 0.05 * 0.95 / 2000)
+    errors = np.mean([min(holm_adjusted(list(row))) < 0.05 for row in p])
+    assert errors < 0.05 + SIGMAS * math.sqrt(0.05 * 0.95 / 2000)
+    assert errors > 0.03  # it does not give away much
+
+
+def test_two_sided_p_is_the_normal_tail_on_both_sides():
+    for z in (0.0, 0.5, -1.96, 3.0):
+        assert two_sided_p(z) == pytest.approx(2 * stats.norm.sf(abs(z)), rel=1e-12)
+    assert math.isnan(two_sided_p(math.nan))
+
+
+def test_the_lowest_is_apart_only_where_its_interval_is_below_all_others():
+    low = Estimate(1.0, 0.0, 2.0)
+    high = Estimate(5.0, 3.0, 7.0)
+    assert lowest_apart([high, low, high]) == 1
+    assert lowest_apart([high, low, Estimate(4.0, 2.0, 6.0)]) is None  # the intervals touch
+    assert lowest_apart([high, low, Estimate(4.0, 1.5, 6.0)]) is None
+    assert lowest_apart([low]) is None
+    assert lowest_apart([]) is None
+    assert lowest_apart([low, NO_ESTIMATE]) is None
+    # none of 12 against 3 of 12: neither is certain
+    assert lowest_apart([proportion_interval(0, 12), proportion_interval(3, 12)]) is None
+    assert lowest_apart([proportion_interval(0, 200), proportion_interval(36, 200)]) == 0

@@ -8,8 +8,9 @@ from matplotlib.figure import Figure
 
 from mppi_belief.report import figures
 from mppi_belief.report.cell_results import CellResults
+from mppi_belief.report.figures.trajectories import plane_panel
 from mppi_belief.report.sections import study_sections
-from mppi_belief.report.sections.two_lanes import arrival_rate, filter_panels
+from mppi_belief.report.sections.two_lanes import arrival_rate, filter_cells
 from mppi_belief.report.statistics import proportion_interval
 from report_helpers import SCENE, cell_of, failed_trial, results_of, trial_rows
 
@@ -73,12 +74,13 @@ def test_the_section_says_who_collides_and_who_arrives(tmp_path):
 
 
 def test_the_picture_has_both_filters_of_each_planner_and_every_start(tmp_path):
-    runs = filter_panels([pictured(cell_item) for cell_item in study()])
-    assert [run.title for run in runs] == [
-        "MPPI-Belief, filter=mixture",
-        "MPPI-Belief, filter=ekf",
-        "CE-MPPI, filter=ekf",
+    shown = filter_cells([pictured(cell_item) for cell_item in study()])
+    assert [(cell.name, cell.labels["filter"], cell.labels["theta"]) for cell in shown[:2]] == [
+        ("MPPI-Belief", "mixture", 1.0),
+        ("MPPI-Belief", "ekf", 1.0),
     ]
+    assert [(cell.name, cell.labels["filter"]) for cell in shown[2:]] == [("CE-MPPI", "ekf")]
+    runs = [plane_panel(cell, cell.name) for cell in shown]
     figure = figures.compare_paths(runs)
     assert isinstance(figure, Figure)
     FigureCanvasAgg(figure).draw()

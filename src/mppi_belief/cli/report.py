@@ -11,7 +11,8 @@ from .parser import CommandParser, configuration_parser, request_before, request
 REPORT_DESCRIPTION = """\
 Reads what `mppi-belief run experiment=NAME` has left in results_dir, runs nothing, and writes
 tables (LaTeX, Markdown, CSV), figures (PNG, PDF) and a page (index.html) into report_dir. Settings
-KEY=VALUE are those of `run`: give the same ones."""
+KEY=VALUE are those of `run`: give the same ones. Numbers of the paper are shown beside cells with
+the paper's settings only; any other study or sweep has a report of its own."""
 SUMMARY = "tables, figures and a page from results"
 EXAMPLE = "mppi-belief report experiment=table_1"
 STUDY = "experiment="
@@ -21,11 +22,16 @@ def parser(studies: Sequence[str] = ()) -> CommandParser:
     """Returns the parser of this command; its help lists the studies of a whole report."""
     return configuration_parser(
         "report",
-        usage="mppi-belief report [experiment=NAME[,NAME...]] [KEY=VALUE ...] [OPTIONS]",
+        usage="mppi-belief report [experiment=NAME[,NAME...]] [KEY=VALUE ...] [-m] [OPTIONS]",
         description=REPORT_DESCRIPTION,
         epilog=(
+            "  mppi-belief report\n"
+            "  mppi-belief report experiment=table_1 n_trials=50\n"
+            "  mppi-belief report -m controller=belief,ce w_obs=100,500,2500\n"
+            "  mppi-belief report --config-dir examples/boat experiment=crossing\n\n"
             f"Without a name, a report has all of:\n{wrapped(studies)}\n"
-            "and the certificates that `mppi-belief verify` has left in verify_dir.\n"
+            "and the certificates that `mppi-belief verify` has left in verify_dir. Settings that\n"
+            "change a cell make it a report of the sweep that `run` would run.\n"
             "Where results are missing, the report has the others and says how to run the rest."
         ),
     )
@@ -46,32 +52,25 @@ def parse(args: Sequence[str]) -> tuple[list[str], Request]:
 
 def main(args: Sequence[str]) -> int:
     """Writes the report that a command line asks for; returns the exit code."""
-    from ..config.cell import Cell
-    from ..config.compose import collect
     from ..config.environment import set_matplotlib_folder
 
     set_matplotlib_folder()  # before Matplotlib is imported
     from ..report import build
+    from .reported_studies import compose_studies, study_requests
     from .show_configuration import show, wants_printing
 
     chosen, request = parse(args)
     if request.print_help:
         print(parser(build.STUDIES).format_help(), end="")
         return exit_codes.DONE
-    requests = {
-        name: dataclasses.replace(request, overrides=(f"{STUDY}{name}", *request.overrides))
-        for name in chosen or build.STUDIES
-    }
-    first_request = next(iter(requests.values()))
+    requests = study_requests(chosen, request)
     if wants_printing(request):
-        return show(first_request)
-    configs = {name: collect(study) for name, study in requests.items()}
-    studies = {name: [Cell(config) for config in configs[name]] for name in configs}
-    settings = next(iter(configs.values()))[0]
-    verify_dir = None if chosen else Path(settings["verify_dir"])  # chosen studies stand alone
-    complete = build.report_studies(
-        studies, verify_dir, Path(settings["report_dir"]), request.words
-    )
+        return show(next(iter(requests.values())))
+    composed = compose_studies(requests, request)
+    is_whole = not chosen and len(requests) > 1  # a report of chosen studies has no certificates
+    verify_dir = Path(composed.settings["verify_dir"]) if is_whole else None
+    folder = Path(composed.settings["report_dir"])
+    complete = build.report_studies(composed.studies, composed.table_1, verify_dir, folder)
     return exit_codes.DONE if complete else exit_codes.INCOMPLETE
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from ..errors import ConfigError
 from .request import key_of
-from .settings import RUNTIME_KEYS, batch_size
+from .settings import DESCRIPTION_KEYS, RUNTIME_KEYS, batch_size
 
 NAMED_GROUPS = ("system", "cost", "filter", "controller")  # their options name a cell
 
@@ -18,7 +18,7 @@ def cell_labels(
     """Returns `names` (an option per group), `swept` (settings by key) and `batch` (trials)."""
     names = _option_names(options, config)
     keys = [key_of(override) for override in overrides]
-    no_label = (*RUNTIME_KEYS, "sweep", "experiment", "hydra")
+    no_label = (*RUNTIME_KEYS, *DESCRIPTION_KEYS, "sweep", "experiment", "hydra")
     swept = {
         label_of(key): names.get(key) or options.get(key) or _scalar(config, key)
         for key in keys

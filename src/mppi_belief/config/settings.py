@@ -28,6 +28,8 @@ RUNTIME_KEYS = (
     "shard",
     "trial_timeout",
 )
+# Texts that describe a study in its report; they make no difference to a cell.
+DESCRIPTION_KEYS = ("title", "question")
 DEFAULT_BATCH = {"cpu": 1, "gpu": 200}  # trials; a GPU advances the 200 trials of Sec. VII together
 MOST_TRIALS = 10**7
 LARGEST_WHOLE_NUMBER = 10**300  # of a whole number; larger ones are no float
@@ -61,6 +63,8 @@ class Settings:
     report_dir: str = ruled(FolderName(), MISSING)
     verify_dir: str = ruled(FolderName(), MISSING)
     record: int | None = ruled(WholeNumber(ge=0, le=MOST_TRIALS, optional=True), None)
+    title: str | None = None
+    question: str | None = None
     planner: Planner = field(default=MISSING)
     problem: dict[str, Any] = field(default=MISSING)
     system: dict[str, Any] = field(default=MISSING)

@@ -8,7 +8,7 @@ import numpy as np
 
 from . import published
 from .cell_results import CellResults
-from .statistics import mean_z, proportion_z, spread_z
+from .statistics import holm_adjusted, mean_z, proportion_z, spread_z, two_sided_p
 from .summary import TrialSummary, summarise_trials
 
 FITTED = "fitted"  # numbers to which the calibration was fitted
@@ -24,12 +24,16 @@ class ComparedNumber(NamedTuple):
     ours: str
     z: float  # the difference in standard errors
     is_range: bool = False  # whether the paper gives a range; then z = 0 within it
+    p: float = math.nan  # of equal numbers, adjusted by Holm's method for all that are compared
 
 
 def compare_numbers(
     table_1: Sequence[CellResults], theta: Sequence[CellResults], weights: Sequence[CellResults]
 ) -> list[ComparedNumber]:
-    """Compares every number that Table I, the theta sweep and the obstacle-weight sweep publish."""
+    """Compares every number that Table I, the theta sweep and the obstacle-weight sweep publish.
+
+    Cells with other settings than the paper's are left out.
+    """
     numbers: list[ComparedNumber] = []
     for cell in table_1:
         numbers.extend(_compare_table_1(cell, summarise_trials(cell.rows, None)))
@@ -37,14 +41,15 @@ def compare_numbers(
         numbers.extend(_compare_theta(cell, summarise_trials(cell.rows, None)))
     for cell in weights:
         numbers.extend(_compare_weight(cell, summarise_trials(cell.rows, None)))
-    return numbers
+    adjusted = holm_adjusted([two_sided_p(number.z) for number in numbers])
+    return [number._replace(p=p) for number, p in zip(numbers, adjusted, strict=True)]
 
 
 def _compare_table_1(cell: CellResults, ours: TrialSummary) -> Iterator[ComparedNumber]:
     """Compares cost, spread and collisions of one cell with Table I."""
     paper = published.TABLE_1.get(cell.method)
     n = published.PAPER_TRIALS
-    if paper is None or ours.good < 2:
+    if paper is None or ours.good < 2 or not cell.has_paper_settings():
         return
     z = mean_z(ours.cost.value, ours.sd, ours.good, paper.cost, paper.spread, n)
     cost = f"{ours.cost.value:.1f}"
@@ -63,7 +68,7 @@ def _compare_theta(cell: CellResults, ours: TrialSummary) -> Iterator[ComparedNu
     theta = float(cell.labels["theta"])
     paper = published.PAPER_THETA.get(theta)
     n = published.PAPER_TRIALS
-    if paper is None or ours.good < 2:
+    if paper is None or ours.good < 2 or not cell.has_paper_settings(published.THETA_KEY):
         return
     kind = FITTED if theta == published.TABLE_1_THETA else HELD_OUT  # the former is in Table I too
     yield _compare_rate(kind, f"theta {theta:g}, collisions %", ours, *paper.collision_rate)
@@ -86,7 +91,9 @@ def _compare_weight(cell: CellResults, ours: TrialSummary) -> Iterator[ComparedN
     """Compares the collisions of one cell of the obstacle-weight sweep with the text."""
     w_obs = float(cell.labels["w_obs"])
     label = f"w_obs {w_obs:g}, {cell.name}, collisions %"
-    if ours.good < 2:
+    lowest, highest = published.WEIGHT_RANGE
+    is_published = cell.has_paper_settings(published.WEIGHT_KEY) and lowest <= w_obs <= highest
+    if ours.good < 2 or not is_published:
         return
     if cell.method in published.BASELINES:
         yield _compare_rate(HELD_OUT, label, ours, *published.BASELINE_RANGE)

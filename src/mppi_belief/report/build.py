@@ -3,67 +3,91 @@
 import shlex
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
-from ..config.cell import Cell
 from ..config.request import key_of
 from ..errors import counted
 from ..results.certificate import CERTIFICATE_NAMES
 from ..results.certificate_files import StoredCertificate, load_certificates
-from .cell_results import CellResults, Studies, read_cell_results
+from .cell_results import CellResults, read_cell_results
+from .elements import cell_lines
 from .frame_files import write_text_file
+from .headings import page_heading
 from .origin import trial_provenance, trial_warnings
 from .page import Page, render
-from .sections import PAPER_STUDIES, study_sections
+from .paper_settings import Configuration, table_1_departures
+from .reported_study import ReportedStudy
+from .sections import FURTHER_STUDIES, PAPER_STUDIES, own_sections, study_sections
+from .sections.own_study import OwnStudy
 from .sections.table_1 import table_1_frame
 from .sections.theory import theory_provenance, theory_sections, theory_warnings
 
 INDEX_HTML = "index.html"
 STUDIES = tuple(PAPER_STUDIES)  # of a report that is not asked for others
-TITLE = "Path integral control in Gaussian belief space: the experiments reproduced"
-LEAD = (
-    "Das and Tanaka plan in the space of Gaussian beliefs and report a vehicle that never "
-    "collides, while three baselines do. This page shows their experiments, repeated with this "
-    "package, beside the numbers of the paper."
-)
+SECTIONS = (*PAPER_STUDIES, *FURTHER_STUDIES)  # studies whose sections say what they show
 
 
 def report_studies(
-    studies: dict[str, list[Cell]], verify_dir: Path | None, folder: Path, overrides: Sequence[str]
+    studies: Sequence[ReportedStudy],
+    table_1: Sequence[Configuration],
+    verify_dir: Path | None,
+    folder: Path,
 ) -> bool:
     """Writes the report of some studies into `folder`; returns whether it is complete.
 
     Reads the results of the studies' cells and, unless `verify_dir` is None, the certificates.
-    Prints Table I, warnings, and for whatever is missing the command that runs it; `overrides` are
-    the settings of this command line.
+    `table_1` are the configurations of the paper's Table I; numbers of the paper are shown beside
+    cells with their settings only. Prints tables, warnings, and for whatever is missing the command
+    that runs it.
     """
     warnings: dict[str, None] = {}  # cells that two studies share warn once
-    results = {name: _read_study(cells, warnings.setdefault) for name, cells in studies.items()}
+    results = [_read_study(study, table_1, warnings.setdefault) for study in studies]
     certificates = [] if verify_dir is None else load_certificates(verify_dir)
     page = write_report(results, certificates, folder, list(warnings))
 
-    table_1 = results.get("table_1", [])
-    if any(len(cell.good) for cell in table_1):
-        print(table_1_frame(table_1).to_string(index=False))
-    missing = missing_lines(results, overrides)
+    for study in results:
+        _print_table(study)
+    missing = missing_lines(results)
     if verify_dir is not None and len(certificates) < len(CERTIFICATE_NAMES):
-        missing.append(_missing_certificates(len(certificates), overrides))
+        missing.append(_missing_certificates(len(certificates), studies[0].overrides))
     for line in [*warnings, *theory_warnings(certificates), *missing]:
         print(line)
     print(f"report: {page}")
     return not missing
 
 
-def _read_study(cells: Sequence[Cell], warn: Callable[[str], object]) -> list[CellResults]:
+class StudyResults(NamedTuple):
+    """Holds a study with the results of its distinct cells."""
+
+    study: ReportedStudy
+    cells: list[CellResults]
+
+
+def _read_study(
+    study: ReportedStudy, table_1: Sequence[Configuration], warn: Callable[[str], object]
+) -> StudyResults:
     """Reads the results of each distinct cell of a study."""
-    distinct = {cell.id: cell for cell in cells}.values()
-    return [
-        read_cell_results(cell, Path(cell.config["results_dir"]), cell.config["n_trials"], warn)
-        for cell in distinct
-    ]
+    cells = []
+    for cell in {cell.id: cell for cell in study.cells}.values():
+        root = Path(cell.config["results_dir"])
+        results = read_cell_results(cell, root, cell.config["n_trials"], warn)
+        departures = None if study.is_own else table_1_departures(cell.config, table_1)
+        cells.append(results._replace(departures=departures))
+    return StudyResults(study, cells)
+
+
+def _print_table(results: StudyResults) -> None:
+    """Prints Table I, or the cells of a study of one's own."""
+    if not any(len(cell.good) for cell in results.cells):
+        return
+    if results.study.is_own:
+        print(cell_lines(results.cells).to_string(index=False))
+    elif results.study.name == "table_1":
+        print(table_1_frame(results.cells).to_string(index=False))
 
 
 def write_report(
-    studies: Studies,
+    studies: Sequence[StudyResults],
     certificates: Sequence[StoredCertificate],
     folder: Path,
     warnings: Sequence[str],
@@ -74,31 +98,43 @@ def write_report(
     """
     folder.mkdir(parents=True, exist_ok=True)
     distinct: dict[str, CellResults] = {}
-    for cells in studies.values():
-        distinct |= {cell.id: cell for cell in cells}
+    for results in studies:
+        distinct |= {cell.id: cell for cell in results.cells}
     cells = list(distinct.values())
-
+    known = {results.study.name: results.cells for results in studies if not results.study.is_own}
+    own = [
+        OwnStudy(results.study.stem, results.study.title, results.cells)
+        for results in studies
+        if results.study.is_own
+    ]
+    heading = page_heading([results.study for results in studies], set(PAPER_STUDIES))
     page = Page(
-        title=TITLE,
-        lead=LEAD,
+        title=heading.title,
+        lead=heading.lead,
         warnings=[*trial_warnings(cells), *theory_warnings(certificates), *warnings],
-        sections=[*study_sections(studies, folder), *theory_sections(certificates, folder)],
+        sections=[
+            *study_sections(known, folder),
+            *own_sections(own, folder, alone=len(studies) == 1),
+            *theory_sections(certificates, folder),
+        ],
         provenance=[*trial_provenance(cells), *theory_provenance(certificates)],
     )
     write_text_file(folder / INDEX_HTML, render(page, folder))
     return folder / INDEX_HTML
 
 
-def missing_lines(studies: Studies, overrides: Sequence[str]) -> list[str]:
+def missing_lines(studies: Sequence[StudyResults]) -> list[str]:
     """Returns one line per incomplete study: how much is missing, and the command that runs it."""
     lines = []
-    for name, cells in studies.items():
+    for study, cells in studies:
         incomplete = [cell for cell in cells if cell.missing > 0]
         if incomplete:
             trials = sum(cell.missing for cell in incomplete)
-            command = shlex.join(["mppi-belief", "run", f"experiment={name}", *overrides])
             share = f"{len(incomplete)} of {counted(len(cells), 'cell')}"
-            lines.append(f"missing: {counted(trials, 'trial')} in {share} of {name}; {command}")
+            command = study.command
+            lines.append(
+                f"missing: {counted(trials, 'trial')} in {share} of {study.name}; {command}"
+            )
     return lines
 
 

@@ -42,6 +42,9 @@ class CellResults(NamedTuple):
     recording: dict[str, Any] | None  # one trial in detail, see `mppi_belief.trial.recording`
     sources: list[dict[str, Any]]  # provenance of every file that holds one of the rows
     busy: bool = False  # whether the times were measured while other work kept the machine busy
+    # Keys in which the settings depart from those of Table I for this method, such as `cost.w_obs`;
+    # None where they were not compared with Table I's, or where it has no such method.
+    departures: tuple[str, ...] | None = None
 
     @property
     def config(self) -> dict[str, Any]:
@@ -52,6 +55,13 @@ class CellResults(NamedTuple):
     def id(self) -> str:
         """Returns the identity of the cell, which names its folder."""
         return self.cell.id
+
+    def has_paper_settings(self, *varied: str) -> bool:
+        """Returns whether the settings are those of the paper's study, but for the keys `varied`.
+
+        Only the results of such cells may stand beside numbers of the paper.
+        """
+        return self.departures is not None and set(self.departures) <= set(varied)
 
     @property
     def good(self) -> pd.DataFrame:

@@ -1,5 +1,7 @@
 """Builds what the sections share: tables and figures beside the page, and numbers in sentences."""
 
+import itertools
+import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -7,13 +9,24 @@ from typing import Any
 import pandas as pd
 from matplotlib.figure import Figure
 
+from ..errors import counted
 from .cell_results import CellResults, differing_labels
 from .drawing import drawn
 from .figures.style import save_png_and_pdf
-from .figures.trajectories import PathPanel, compare_paths, plane_panel
+from .figures.trajectories import compare_paths, plane_panel
 from .frame_files import write_frame
+from .latex import escaped
 from .page import PageTable, Picture
-from .summary import BUSY_NOTE, interval_text, summarise_trials, summary_numbers, summary_text
+from .statistics import lowest_apart
+from .summary import (
+    BUSY_MARK,
+    BUSY_NOTE,
+    interval_text,
+    summarise_trials,
+    summary_numbers,
+    summary_text,
+)
+from .wording import count_range, listed
 
 COMPARED_METHODS = ("belief_joint", "belief", "ce", "ilqg")  # of pictures of paths, in this order
 
@@ -51,7 +64,7 @@ def write_page_table(
         lines = [summary_numbers(cell.rows, cell.labels, cell.seconds) for cell in cells]
         numbers = pd.DataFrame(lines)
     write_frame(folder, stem, frame, numbers)
-    if cells is not None and any(cell.busy and cell.seconds for cell in cells):
+    if cells is not None and _any_busy(cells):
         caption = f"{caption}. {BUSY_NOTE}"
     return PageTable(stem, caption, frame)
 
@@ -80,6 +93,44 @@ def write_picture(
     return pictures
 
 
+def bold_lowest_rate(table: PageTable, cells: Sequence[CellResults], column: str) -> PageTable:
+    """Sets the lowest collision rate in bold where its interval lies below those of all others.
+
+    `table` has a row per cell. The caption gains the rule where a rate is in bold.
+    """
+    rates = [summarise_trials(cell.rows, None).collided for cell in cells]
+    index = lowest_apart(rates)
+    if index is None:
+        return table
+    bold = [(index, list(table.frame.columns).index(column))]
+    rule = "bold: a collision rate whose 95 % interval lies below the intervals of all others"
+    return table._replace(bold=bold, caption=f"{table.caption}; {rule}")
+
+
+def latex_time(cell: CellResults) -> str:
+    """Returns the time of a step in ms with three digits, marked if busy; "--" without times."""
+    milliseconds = summarise_trials(cell.rows, cell.seconds).time
+    if math.isnan(milliseconds):
+        return "--"
+    text = f"{milliseconds:.0f}" if milliseconds >= 100 else f"{milliseconds:#.3g}"
+    return f"{text}{BUSY_MARK}" if cell.busy else text
+
+
+def machine_sentence(cells: Sequence[CellResults]) -> str:
+    """Returns a sentence in LaTeX on the machines of the times; "" where none is known."""
+    sources = itertools.chain.from_iterable(cell.sources for cell in cells)
+    processors = {str(source["processor"]) for source in sources if source.get("processor")}
+    busy = f" {BUSY_MARK}: while other work kept the machine busy." if _any_busy(cells) else ""
+    if not processors:
+        return busy.strip()
+    return f"Times measured here on {escaped(listed(sorted(processors)))}.{busy}"
+
+
+def _any_busy(cells: Sequence[CellResults]) -> bool:
+    """Returns whether some times were measured while other work kept the machine busy."""
+    return any(cell.busy and cell.seconds for cell in cells)
+
+
 def collision_text(cell: CellResults) -> str:
     """Returns the collision rate with its interval, in %."""
     rate = summarise_trials(cell.rows, None).collided.times(100)
@@ -91,24 +142,39 @@ def cost_text(cell: CellResults) -> str:
     return interval_text(summarise_trials(cell.rows, None).cost, 1)
 
 
+def drawn_text(cells: Sequence[CellResults]) -> str:
+    """Says how many trials of the cells a picture of all kept paths draws: "50 of 200 trials ..."
+
+    Cells of which no path was kept have no panel and do not count.
+    """
+    pictured = [cell for cell in cells if len(cell.good_paths)]
+    numbers = [cell.good_paths["trial"].nunique() for cell in pictured]
+    good = [len(cell.good) for cell in pictured]
+    verb = "is" if set(numbers) == {1} else "are"
+    of_each = " of each panel" if len(pictured) > 1 else ""
+    noun = counted(max(good, default=0), "trial").partition(" ")[2]
+    return f"{count_range(numbers)} of {count_range(good)} {noun}{of_each} {verb} drawn"
+
+
 def write_path_panels(
-    folder: Path, stem: str, panels: Callable[[], Sequence[PathPanel | None]], alt: str
+    folder: Path, stem: str, cells: Sequence[CellResults], titles: Sequence[str], caption: str
 ) -> list[Picture]:
-    """Writes the paths of several cells in the plane, a panel each; skips panels that are None."""
+    """Writes the paths of some cells in the plane, a panel with a title each.
+
+    Cells without paths in the plane are left out. The number of drawn trials follows the caption.
+    """
 
     def draw() -> Figure | None:
-        shown = [panel for panel in panels() if panel is not None]
+        panels = [plane_panel(cell, title) for cell, title in zip(cells, titles, strict=True)]
+        shown = [panel for panel in panels if panel is not None]
         return compare_paths(shown) if shown else None
 
-    return write_picture(folder, stem, draw, alt)
+    return write_picture(folder, stem, draw, f"{caption}; {drawn_text(cells)}")
 
 
-def write_paths_of_methods(
-    folder: Path, stem: str, cells: Sequence[CellResults], alt: str
-) -> list[Picture]:
+def write_paths_of_methods(folder: Path, stem: str, cells: Sequence[CellResults]) -> list[Picture]:
     """Writes the paths of the cells of `COMPARED_METHODS` in the plane, a panel each."""
     shown = [cell for cell in cells if cell.method in COMPARED_METHODS]
     shown.sort(key=lambda cell: COMPARED_METHODS.index(cell.method))
-    return write_path_panels(
-        folder, stem, lambda: [plane_panel(cell, cell.name) for cell in shown], alt
-    )
+    names = [cell.name for cell in shown]
+    return write_path_panels(folder, stem, shown, names, "Paths in the plane, a panel per method")

@@ -62,10 +62,11 @@ def trial_warnings(cells: Sequence[CellResults]) -> list[str]:
         lines.append("Some trials were run from a checkout with uncommitted changes.")
 
     # Too few trials.
-    small = [cell for cell in cells if cell.wanted < published.PAPER_TRIALS]
+    papers = [cell for cell in cells if cell.departures is not None]
+    small = [cell.wanted for cell in papers if cell.wanted < published.PAPER_TRIALS]
     if small:
         lines.append(
-            f"{small[0].wanted} trials per cell are fewer than the paper's "
+            f"The report asks for {counted(min(small), 'trial')} per cell, the paper has "
             f"{published.PAPER_TRIALS}: the intervals are wide."
         )
     incomplete = [cell for cell in cells if cell.missing > 0]

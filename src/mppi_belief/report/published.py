@@ -43,7 +43,14 @@ TABLE_1_THETA = 1.0  # theta of MPPI-Belief in Table I
 
 BASELINES = ("ilqg", "ce", "pipf")
 BASELINE_RANGE = (0.11, 0.33)  # collision rates of the baselines at every w_obs in [1e2, 1e4]
+WEIGHT_RANGE = (1e2, 1e4)  # of the obstacle weight in Fig. 2
+FIG_2_WEIGHTS = (100.0, 250.0, 500.0, 1000.0, 2500.0, 5000.0, 10000.0)  # of conf/sweep/w_obs.yaml
 BELIEF_BELOW = {500.0: 0.01, 2500.0: 0.0}  # the highest rate of MPPI-Belief from this w_obs on
+
+# Keys that the paper's sweeps vary; all others are as in Table I.
+THETA_KEY = "controller.path_cost.theta"
+EXPECTATION_KEY = "controller.path_cost.expectation"  # the paper leaves open which it uses
+WEIGHT_KEY = "cost.w_obs"
 
 RESIDUAL = 0.79  # epsilon*, the optimised matching residual
 

@@ -5,9 +5,14 @@ Carlo estimates: the published one from `published.PAPER_TRIALS` trials, ours fr
 run. For a mean and a standard deviation, z is the difference divided by its standard error (for the
 standard deviation that of normal samples). For a proportion, z is the signed root of the likelihood
 ratio of "two rates" against "one rate", which holds where one of the rates is zero.
+
+Every interval here is at 95 % by itself. Of k comparisons of equal numbers at level a, k a are
+expected to be significant by chance; Holm's (1979) adjusted p-values keep the probability of one or
+more such errors among all k below a, whatever the dependence between the comparisons.
 """
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -126,6 +131,39 @@ def _sign_test(wins: int, losses: int) -> float:
     from scipy.stats import binomtest
 
     return float(binomtest(wins, wins + losses).pvalue)
+
+
+def two_sided_p(z: float) -> float:
+    """Returns the probability that a standard normal is at least as far from 0 as z."""
+    return math.erfc(abs(z) / math.sqrt(2))
+
+
+def holm_adjusted(p_values: Sequence[float]) -> list[float]:
+    """Returns Holm's (1979) adjusted p-values of a family of tests, in the given order.
+
+    The k-th smallest of m p-values is multiplied by m - k + 1, and never falls below a smaller one.
+    NaN stands for a test without a result; it stays NaN and does not count.
+    """
+    p = np.asarray(p_values, dtype=float)
+    tested = np.flatnonzero(~np.isnan(p))
+    order = tested[np.argsort(p[tested], kind="stable")]
+    factors = np.arange(len(order), 0, -1)
+    adjusted = np.full(len(p), np.nan)
+    adjusted[order] = np.minimum(np.maximum.accumulate(factors * p[order]), 1.0)
+    return [float(value) for value in adjusted]
+
+
+def lowest_apart(estimates: Sequence[Estimate]) -> int | None:
+    """Returns the index of the estimate whose interval lies below the intervals of all others.
+
+    Intervals that touch count as overlapping. None where no interval lies apart, where one does
+    not exist, and of fewer than two estimates.
+    """
+    if len(estimates) < 2 or any(math.isnan(part) for part in np.ravel(estimates)):
+        return None
+    index = min(range(len(estimates)), key=lambda i: estimates[i].value)
+    others = [estimate.low for i, estimate in enumerate(estimates) if i != index]
+    return index if estimates[index].high < min(others) else None
 
 
 def mean_z(

@@ -40,8 +40,9 @@ def residual_figure(cell: CellResults) -> Figure | None:
         panels = figure.subplots(1 + has_imposed, 1, sharex=True, squeeze=False)[:, 0]
         _draw_residuals(panels[0], curves, "optimum", dt)
         panels[0].set(ylim=(0, 1.05), ylabel=r"best weight: $\varepsilon^*$")
-        label = f"paper: {published.RESIDUAL}"
-        panels[0].axhline(published.RESIDUAL, color=GREY, lw=0.8, ls="--", label=label)
+        if cell.has_paper_settings():
+            label = f"paper: {published.RESIDUAL}"
+            panels[0].axhline(published.RESIDUAL, color=GREY, lw=0.8, ls="--", label=label)
         if has_imposed:
             _draw_residuals(panels[1], curves, "imposed", dt)
             panels[1].set(yscale="log", ylabel=r"weight $\lambda R^{-1}$: residual")

@@ -15,7 +15,6 @@ from ..cell_results import METHOD_NAMES, CellResults, by_method
 from .points import collision_rate, dodge, draw_estimates, mean_of
 from .style import COLUMN, GREY, INK, STYLE, drawing_style, method_look, method_order
 
-PUBLISHED_W_OBS = (1e2, 1e4)  # the range of w_obs in Fig. 2
 PUBLISHED_BAND: Any = {"color": "#DDDDDD", "lw": 0}
 PUBLISHED_MARK: Any = {
     "color": INK,
@@ -30,8 +29,8 @@ PUBLISHED_MARK: Any = {
 def figure_2(cells: Sequence[CellResults]) -> Figure | None:
     """Draws Fig. 2: collision rate (%) and base cost against w_obs with 95 % intervals, by method.
 
-    From the paper: the range of its baselines (shaded), and what it says of MPPI-Belief (hollow; a
-    triangle means below 1 %). None without trials.
+    From the paper, where cells have its settings: the range of its baselines (shaded), and what
+    it says of MPPI-Belief (hollow; a triangle means below 1 %). None without trials.
     """
     curves = _curves_by_method(cells, "w_obs", lambda w_obs: w_obs > 0)
     if not curves:
@@ -39,7 +38,9 @@ def figure_2(cells: Sequence[CellResults]) -> Figure | None:
     with drawing_style(STYLE):
         figure = Figure(figsize=(COLUMN, 3.9), layout="constrained")
         panels = figure.subplots(2, 1, sharex=True)
-        _draw_published_rates(panels[0])
+        is_papers = any(cell.has_paper_settings(published.WEIGHT_KEY) for cell in cells)
+        if is_papers:
+            _draw_published_rates(panels[0])
         for axes, estimate in zip(panels, (collision_rate, mean_of("cost")), strict=True):
             for index, (method, curve) in enumerate(curves.items()):
                 x = dodge([cell.labels["w_obs"] for cell in curve], index, len(curves))
@@ -50,16 +51,19 @@ def figure_2(cells: Sequence[CellResults]) -> Figure | None:
         panels[1].set(ylabel="base cost", xlabel=r"obstacle weight $w_\mathrm{obs}$", title="(b)")
 
         handles, labels = panels[1].get_legend_handles_labels()
-        paper: Any = (Patch(**PUBLISHED_BAND), Line2D([], [], **PUBLISHED_MARK))
-        figure.legend([*handles, paper], [*labels, "paper"], loc="outside lower center", ncols=3)
+        if is_papers:
+            paper: Any = (Patch(**PUBLISHED_BAND), Line2D([], [], **PUBLISHED_MARK))
+            handles.append(paper)
+            labels.append("paper")
+        figure.legend(handles, labels, loc="outside lower center", ncols=3)
         return figure
 
 
 def theta_figure(cells: Sequence[CellResults]) -> Figure | None:
     """Draws collision rate (%), mean clearance (m) and cost against theta with 95 % intervals.
 
-    Hollow marks are the paper's values; where the text gives a range, a bar spans it. None without
-    trials.
+    Where cells have the paper's settings, hollow marks are its values; where the text gives a
+    range, a bar spans it. None without trials.
     """
     curves = _curves_by_method(cells, "theta", math.isfinite)
     if not curves:
@@ -82,8 +86,10 @@ def theta_figure(cells: Sequence[CellResults]) -> Figure | None:
             axes.xaxis.set_major_locator(MaxNLocator(6, integer=True))
 
         handles, labels = panels[0].get_legend_handles_labels()
-        paper = _draw_published_theta(panels)
-        figure.legend([*handles, paper], [*labels, "paper"], loc="outside lower center", ncols=4)
+        if any(cell.has_paper_settings(published.THETA_KEY) for cell in cells):
+            handles.append(_draw_published_theta(panels))
+            labels.append("paper")
+        figure.legend(handles, labels, loc="outside lower center", ncols=4)
         return figure
 
 
@@ -99,7 +105,7 @@ def _curves_by_method(
 def _draw_published_rates(axes: Axes) -> None:
     """Draws the paper's collision rates (%) over w_obs."""
     low, high = (100 * rate for rate in published.BASELINE_RANGE)
-    axes.fill_between(PUBLISHED_W_OBS, low, high, zorder=0, **PUBLISHED_BAND)
+    axes.fill_between(published.WEIGHT_RANGE, low, high, zorder=0, **PUBLISHED_BAND)
     for w_obs, rate in published.BELIEF_BELOW.items():
         marker = {"marker": "v" if rate else "s"}
         axes.plot(w_obs, 100 * rate, **PUBLISHED_MARK | marker)

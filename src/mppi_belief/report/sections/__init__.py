@@ -2,14 +2,13 @@
 
 To give a study of your own a section, write a module here with a function that builds a `Section`
 from the results of the study's cells, and add it to `FURTHER_STUDIES` under the name of the study's
-file in conf/experiment/. A study without a section of its own is shown as a table of all its cells.
+file in conf/experiment/. Other studies and sweeps are shown by `own_study.py`.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from ..cell_results import CellResults, Studies
-from ..elements import cell_lines, write_page_table
 from ..page import Section
 from .controlled_sensing import controlled_sensing_section
 from .diffusion import diffusion_section
@@ -17,6 +16,7 @@ from .expectation import expectation_section
 from .horizon_and_samples import horizon_and_samples_section
 from .information import information_section
 from .nonlinearity import nonlinearity_section
+from .own_study import OwnStudy, own_study_section
 from .proposals import proposals_section
 from .published_problems import platt_2010_section, van_den_berg_2012_section
 from .quality_per_time import quality_per_time_section
@@ -52,7 +52,10 @@ FURTHER_STUDIES: dict[str, SectionBuilder] = {
 
 
 def study_sections(studies: Studies, folder: Path) -> list[Section]:
-    """Builds every section of the studies that have results; writes their files into `folder`."""
+    """Builds the sections of `PAPER_STUDIES` and `FURTHER_STUDIES` that have results.
+
+    Writes their files into `folder`. The order is that of the two lists.
+    """
     with_results = {
         name: cells for name, cells in studies.items() if any(len(cell.good) for cell in cells)
     }
@@ -64,17 +67,16 @@ def study_sections(studies: Studies, folder: Path) -> list[Section]:
     ]
     sections.extend(residual_sections(with_results.get("table_1", []), folder))
     sections.extend(reproduction_sections(with_results, folder))
-    sections.extend(
-        _general_section(name, cells, folder)
-        for name, cells in with_results.items()
-        if name not in builders
-    )
     return sections
 
 
-def _general_section(name: str, cells: list[CellResults], folder: Path) -> Section:
-    """Builds the section of a study that has no module here: the table of its cells."""
-    stem = name.replace("/", "_")
-    return Section(
-        name, [], [write_page_table(folder, stem, "All cells", cell_lines(cells), cells)]
-    )
+def own_sections(studies: Sequence[OwnStudy], folder: Path, alone: bool) -> list[Section]:
+    """Builds a section per study of other cells that has results; writes its files into `folder`.
+
+    The section of a study that is `alone` on its page does not repeat the title of the page.
+    """
+    return [
+        own_study_section(study, folder, "Results" if alone else study.title)
+        for study in studies
+        if any(len(cell.good) for cell in study.cells)
+    ]

@@ -36,7 +36,7 @@ def controlled_sensing_section(cells: list[CellResults], folder: Path) -> Sectio
             *filter(None, sensor_texts),
             "The sensor is chosen for matching and not for information: it corrects the estimate "
             "of the velocity only. With a limit on its signal-to-noise ratio a residual of (15) "
-            "remains, and Algorithm 1 costs more.",
+            "remains.",
         ],
         [write_page_table(folder, stem, caption, cell_lines(cells), cells)],
         write_picture(folder, stem, lambda: sensing_figure(unlimited, limited), alt),

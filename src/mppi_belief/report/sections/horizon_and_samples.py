@@ -16,12 +16,14 @@ def horizon_and_samples_section(cells: list[CellResults], folder: Path) -> Secti
         for cell in cells
         if cell.labels.get(HORIZON_KEY) == published.PAPER_HORIZON and len(cell.good)
     ]
+    horizon = f"At the paper's horizon of {published.PAPER_HORIZON} steps"
+    text = [f"{horizon}, collisions and cost are {'; '.join(results)}."] if results else []
     stem = "horizon_and_samples"
     caption = "MPPI-Belief by horizon and samples"
     alt = "Effective sample size, collision rate, cost and time by number of samples and horizon"
     return Section(
         "Horizon and number of samples",
-        [f"Collisions and cost at the paper's horizon: {'; '.join(results)}."],
+        text,
         [write_page_table(folder, stem, caption, cell_lines(cells), cells)],
         write_picture(folder, stem, lambda: ess_figure(cells), alt),
     )

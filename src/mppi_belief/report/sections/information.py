@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from ..cell_results import CellResults
-from ..comparison import method_differences
+from ..comparison import method_differences, multiplicity_text
 from ..elements import (
     cell_lines,
     collision_text,
@@ -24,12 +24,8 @@ def information_section(cells: list[CellResults], folder: Path) -> Section:
     tables = [write_page_table(folder, "information", "Every method", cell_lines(cells), cells)]
     pairs = method_differences(cells, "belief_joint")
     if len(pairs):
-        caption = "A covariance per path against each method, trial by trial"
+        caption = f"A covariance per path against each method; {multiplicity_text(pairs)}"
         tables.append(write_page_table(folder, "information_differences", caption, pairs))
-    alt = (
-        "Paths in the plane: one planner goes to the light first, the others cross the gap in the "
-        "dark or wait"
-    )
     return Section(
         "Beyond the paper: a detour for information",
         [
@@ -41,5 +37,5 @@ def information_section(cells: list[CellResults], folder: Path) -> Section:
             " ".join(results),
         ],
         tables,
-        write_paths_of_methods(folder, "information", cells, alt),
+        write_paths_of_methods(folder, "information", cells),
     )

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from ..cell_results import CellResults
-from ..comparison import method_differences
+from ..comparison import method_differences, multiplicity_text
 from ..elements import cost_text, write_page_table, write_paths_of_methods
 from ..page import Section
 from ..statistics import mean_interval, proportion_interval
@@ -58,10 +58,9 @@ def _published_problem(
     tables = [write_page_table(folder, study, "Every method", problem_frame(cells), cells)]
     pairs = method_differences(cells, "belief_joint")
     if len(pairs):
-        caption = "A covariance per path against each method, trial by trial"
         pairs = pairs[["Difference", "Pairs", "Cost [95 %]"]]
+        caption = f"A covariance per path against each method; {multiplicity_text(pairs)}"
         tables.append(write_page_table(folder, f"{study}_differences", caption, pairs))
-    alt = "Paths in the plane: which planners go to the light before the goal"
     return Section(
         f"Beyond the paper: the light-dark domain of {authors}",
         [
@@ -72,7 +71,7 @@ def _published_problem(
             "deviation are those of the kept trials.",
         ],
         tables,
-        write_paths_of_methods(folder, study, cells, alt),
+        write_paths_of_methods(folder, study, cells),
     )
 
 

@@ -1,7 +1,7 @@
 """Reports how well each published number is met: Table I was fitted, the sweeps were held out."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,11 +11,14 @@ from ...errors import counted
 from .. import published
 from ..agreement import FITTED, HELD_OUT, ComparedNumber, compare_numbers
 from ..cell_results import CellResults, Studies, by_method
+from ..claims import judged_claims
 from ..elements import write_page_table
 from ..page import Section
+from ..statistics import two_sided_p
+from ..wording import listed
 
 AGREEMENT = 2.0  # standard errors within which two numbers count as agreeing
-UNSAFE_RATE = 0.10  # the paper's baselines stay above this collision rate at every weight
+FAMILY_LEVEL = 0.05  # probability of an adjusted p-value below it among equal numbers
 
 
 def reproduction_sections(studies: Studies, folder: Path) -> list[Section]:
@@ -31,7 +34,10 @@ def reproduction_sections(studies: Studies, folder: Path) -> list[Section]:
         frame = compared_frame(numbers, kind)
         if len(frame):
             stem = f"reproduction_{kind.replace(' ', '_')}"
-            caption = f"{kind.capitalize().replace(' ', '-')} numbers, z in standard errors"
+            caption = (
+                f"{kind.capitalize().replace(' ', '-')} numbers, z in standard errors; p is "
+                f"adjusted by Holm's method for all {counted(len(numbers), 'comparison')}"
+            )
             tables.append(write_page_table(folder, stem, caption, frame))
     values = _open_values(table_1)
     if len(values):
@@ -50,6 +56,7 @@ def reproduction_sections(studies: Studies, folder: Path) -> list[Section]:
     sentences = [
         verdict(numbers, FITTED),
         verdict(numbers, HELD_OUT),
+        multiplicity_verdict(numbers),
         *judged_claims(table_1, weights),
     ]
     return [Section("How well the published numbers are met", [text, *sentences], tables)]
@@ -58,7 +65,8 @@ def reproduction_sections(studies: Studies, folder: Path) -> list[Section]:
 def _open_values(cells: Sequence[CellResults]) -> pd.DataFrame:
     """Returns the calibrated settings of Table I's MPPI-Belief."""
     rows = []
-    for cell in by_method(cells).get("belief", [])[:1]:
+    shown = [cell for cell in by_method(cells).get("belief", []) if cell.has_paper_settings()]
+    for cell in shown[:1]:
         for key, meaning in published.OPEN.items():
             value: Any = cell.config
             for name in key.split("."):
@@ -78,6 +86,7 @@ def compared_frame(numbers: Sequence[ComparedNumber], kind: str) -> pd.DataFrame
             "Paper": [number.paper for number in chosen],
             "Here": [number.ours for number in chosen],
             "z": ["-" if math.isnan(number.z) else f"{number.z:+.1f}" for number in chosen],
+            "p (Holm)": ["-" if math.isnan(number.p) else f"{number.p:.2g}" for number in chosen],
         }
     )
 
@@ -93,59 +102,29 @@ def verdict(numbers: Sequence[ComparedNumber], kind: str) -> str:
     agreeing = sum(abs(number.z) <= AGREEMENT for number in points)
     within = sum(abs(number.z) <= AGREEMENT for number in ranges)
     farthest = max(chosen, key=lambda number: abs(number.z))
-    range_text = f", and {within} of {len(ranges)} ranges are met" if ranges else ""
+    range_text = f", and {within} of {counted(len(ranges), 'range')} met" if ranges else ""
+    number_text = counted(len(points), f"{name} number")
+    verb = "agrees" if agreeing == 1 else "agree"
     return (
-        f"{agreeing} of the {len(points)} {name} numbers agree within {AGREEMENT:g} standard errors"
+        f"{agreeing} of the {number_text} {verb} within {AGREEMENT:g} standard errors"
         f"{range_text}; the farthest is {farthest.label}: {farthest.ours} here, {farthest.paper} "
         f"in the paper (z = {farthest.z:+.1f})."
     )
 
 
-def judged_claims(table_1: Sequence[CellResults], weights: Sequence[CellResults]) -> list[str]:
-    """Judges the conclusions of the paper on our trials, a sentence each, and names exceptions."""
-    sentences = [
-        _safety_of_belief(cell) for cell in table_1 if cell.method == "belief" and len(cell.good)
+def multiplicity_verdict(numbers: Sequence[ComparedNumber]) -> str:
+    """Says what so many comparisons at once mean, and which numbers differ in spite of it."""
+    finite = [number for number in numbers if math.isfinite(number.z)]
+    beyond = sum(abs(number.z) > AGREEMENT for number in finite)
+    expected = len(finite) * two_sided_p(AGREEMENT)
+    different = [
+        f"{number.label} (p = {number.p:.2g})" for number in finite if number.p < FAMILY_LEVEL
     ]
-    baselines = [
-        cell
-        for cell in (*table_1, *weights)
-        if cell.method in published.BASELINES and len(cell.good)
-    ]
-    if baselines:
-        claim = (
-            f"Every baseline collides in more than {100 * UNSAFE_RATE:g} % of its trials at every "
-            "obstacle weight"
-        )
-        sentences.append(_judge(claim, baselines, lambda rate: rate > UNSAFE_RATE))
-        claim = "No baseline is free of collisions at any obstacle weight"
-        sentences.append(_judge(claim, baselines, lambda rate: rate > 0))
-
-    start = min(start for start, rate in published.BELIEF_BELOW.items() if rate > 0)
-    heavy = [
-        cell
-        for cell in weights
-        if cell.method == "belief" and cell.labels["w_obs"] >= start and len(cell.good)
-    ]
-    if heavy:
-        claim = f"MPPI-Belief collides in less than 1 % of its trials from w_obs = {start:g} on"
-        sentences.append(_judge(claim, heavy, lambda rate: rate < published.BELIEF_BELOW[start]))
-    return sentences
-
-
-def _safety_of_belief(cell: CellResults) -> str:
-    """Compares the collisions of MPPI-Belief with the paper's none."""
-    hits = int(cell.collided.sum())
-    theta = cell.labels["theta"]
-    ending = ", as published." if hits == 0 else "; the paper has none."
-    share = f"{counted(hits, 'collision')} in {counted(len(cell.good), 'trial')}"
-    return f"MPPI-Belief at theta = {theta:g} has {share}{ending}"
-
-
-def _judge(claim: str, cells: Sequence[CellResults], holds: Callable[[float], bool]) -> str:
-    """Says whether a claim on collision rates holds, and for which cells it fails."""
-    failing: dict[str, None] = {}  # a cell that two studies share is named once
-    for cell in cells:
-        rate = float(cell.collided.mean())
-        if not holds(rate):
-            failing[f"{cell.name} at w_obs = {cell.labels['w_obs']:g} ({100 * rate:.1f} %)"] = None
-    return f"{claim}: fails for {', '.join(failing)}." if failing else f"{claim}: holds."
+    text = (
+        f"Of {counted(len(finite), 'comparison')} {beyond} lie beyond {AGREEMENT:g} standard "
+        f"errors; at most {expected:.1f} would by chance if every number were equal to the "
+        f"paper's. With Holm's correction at {100 * FAMILY_LEVEL:g} % for all comparisons together "
+    )
+    if not different:
+        return f"{text}no number differs."
+    return f"{text}{counted(len(different), 'number')} differ: {listed(different)}."

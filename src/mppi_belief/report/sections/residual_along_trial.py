@@ -28,9 +28,12 @@ def residual_sections(cells: Sequence[CellResults], folder: Path) -> list[Sectio
     text = (
         "The control acts on the velocity only, so only the velocity block of the diffusion can be "
         "matched (Proposition 3). Whatever the weight, the residual of (15) along a trial of "
-        f"MPPI-Belief is never below {' and '.join(lowest)}. The paper prints "
-        f"{published.RESIDUAL}; the steady state in the light, with sigma_o as an intensity, is "
-        "0.80."
+        f"MPPI-Belief is never below {' and '.join(lowest)}."
     )
+    if recorded[0].has_paper_settings():
+        text += (
+            f" The paper prints {published.RESIDUAL}; the steady state in the light, with sigma_o "
+            "as an intensity, is 0.80."
+        )
     pictures = write_picture(folder, "matching", lambda: residual_figure(recorded[0]), alt)
     return [Section("The matching residual", [text], [], pictures)]

@@ -7,7 +7,6 @@ import numpy as np
 
 from ..cell_results import CellResults, cell_titles
 from ..elements import cell_lines, collision_text, write_page_table, write_path_panels
-from ..figures.trajectories import PathPanel, plane_panel
 from ..page import Section
 from ..statistics import Estimate, proportion_interval
 from ..summary import interval_text
@@ -27,7 +26,9 @@ def two_lanes_section(cells: list[CellResults], folder: Path) -> Section:
         for title, cell, rate in zip(_sentence_titles(cells), cells, arrived, strict=True)
         if len(cell.good)
     ]
-    alt = "Paths in the plane: MPPI-Belief and CE-MPPI, each with a mixture and with one Gaussian"
+    shown = filter_cells(cells)
+    titles = [f"{cell.name}, filter={cell.labels['filter']}" for cell in shown]
+    paths = "Paths in the plane, a panel per method and filter"
     return Section(
         "Beyond the paper: a belief with two modes",
         [
@@ -40,7 +41,7 @@ def two_lanes_section(cells: list[CellResults], folder: Path) -> Section:
             " ".join(results),
         ],
         [write_page_table(folder, "two_lanes", "Every filter and planner", frame, cells)],
-        write_path_panels(folder, "two_lanes", lambda: filter_panels(cells), alt),
+        write_path_panels(folder, "two_lanes", shown, titles, paths),
     )
 
 
@@ -63,10 +64,9 @@ def arrival_rate(cell: CellResults) -> Estimate:
     return proportion_interval(int(arrived.sum()), len(arrived))
 
 
-def filter_panels(cells: Sequence[CellResults]) -> list[PathPanel | None]:
+def filter_cells(cells: Sequence[CellResults]) -> list[CellResults]:
     """Returns MPPI-Belief at the largest theta of the study and CE-MPPI, each with both filters."""
     candidates = [cell for cell in cells if "filter" in cell.labels and _planned_from(cell) == "-"]
     thetas = [cell.labels["theta"] for cell in candidates if cell.method == "belief"]
     largest = max(thetas, default=0.0)
-    shown = [cell for cell in candidates if cell.method == "ce" or cell.labels["theta"] == largest]
-    return [plane_panel(cell, f"{cell.name}, filter={cell.labels['filter']}") for cell in shown]
+    return [cell for cell in candidates if cell.method == "ce" or cell.labels["theta"] == largest]
