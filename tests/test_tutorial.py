@@ -25,7 +25,7 @@ def test_its_files_are_those_of_the_example(name):
 
 
 def test_its_commands_run_one_after_the_other(tmp_path, capsys):
-    assert len(COMMANDS) == 5
+    assert len(COMMANDS) == 6
     for line in COMMANDS:
         answer = run_smaller(line, tmp_path, capsys)
         assert answer.code == 0, (line, answer.err)
