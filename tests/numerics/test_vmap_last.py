@@ -131,6 +131,21 @@ def test_what_is_known_to_be_nothing_takes_nothing_along():
     )  # 0 times infinity would be no number
 
 
+def test_long_programs_are_left_to_the_other_map():
+    centers = np.random.default_rng(0).normal(size=(40, 2)).astype("float32")
+    x = jax.random.normal(jax.random.key(0), (2, 3))
+
+    def penalty(p):
+        return jnp.sum(jnp.exp(-jnp.sum((p - centers) ** 2, axis=-1)))
+
+    expected = jax.vmap(penalty, in_axes=-1)(x)
+    for largest, has_arrays in {100: True, 1000: False}.items():
+        over_samples = vmap_scalarized(penalty, (True,), largest)
+        text = str(jax.make_jaxpr(over_samples)(x))
+        assert ("f32[40,2,3]" in text) == has_arrays
+        np.testing.assert_allclose(over_samples(x), expected, rtol=1e-5)
+
+
 def test_large_matrices_are_left_to_the_other_map():
     n = LARGEST_TABLE // 6 + 1
     x = jax.random.normal(jax.random.key(0), (n, n, 3))

@@ -191,6 +191,20 @@ def aval(variable: Any) -> jax.ShapeDtypeStruct:
     return variable.aval
 
 
+def count_components(closed_jaxpr: core.ClosedJaxpr) -> int:
+    """Returns how many numbers the operations of a traced function compute.
+
+    Those inside the body of a `jit` count, terms of a product's sums do not.
+    """
+    count = 0
+    for equation in closed_jaxpr.jaxpr.eqns:
+        if equation.primitive.name == "jit":
+            count += count_components(equation.params["jaxpr"])
+        else:
+            count += sum(math.prod(aval(variable).shape) for variable in equation.outvars)
+    return count
+
+
 def is_plain_product(equation: core.JaxprEqn) -> bool:
     """Says whether a `dot_general` has one type, no batch axes, and at least one term."""
     (contracted, _), (batch, _) = equation.params["dimension_numbers"]
