@@ -288,7 +288,6 @@ BAD = [
     "experiment=none results_dir=",
     "experiment=none report_dir=",
     "experiment=reference_scenario n_trials=1,2",
-    "experiment=reference_scenario results_dir=a,b",
     "experiment=table_1 --unknown",
     "table_1",
 ]

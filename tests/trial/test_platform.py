@@ -115,7 +115,7 @@ def test_without_a_gpu_it_is_one_line_that_names_the_extra_and_nothing_is_writte
         answer = call(tmp_path, capfd, "run", *SMALL, "n_trials=2", "platform=gpu", **changed)
         assert (answer.code, answer.out) == (2, "")
         line = answer.err.splitlines()[-1]
-        extra = r"\"mppi-belief\[gpu\]\""
+        extra = r"the extra \"gpu\": pip install \"\.\[gpu\]\" in the checkout"
         selected = rf"JAX_PLATFORMS={platforms or 'cuda'}\b"
         assert re.fullmatch(rf"mppi-belief: platform=gpu: .*{extra}.*{selected}.*", line)
         assert "Traceback" not in answer.err

@@ -56,7 +56,7 @@ def main(args: Sequence[str]) -> int:
 
     set_matplotlib_folder()  # before Matplotlib is imported
     from ..report import build
-    from .reported_studies import compose_studies, study_requests
+    from .reported_studies import SWEEP, compose_studies, study_requests
     from .show_configuration import show, wants_printing
 
     chosen, request = parse(args)
@@ -67,7 +67,7 @@ def main(args: Sequence[str]) -> int:
     if wants_printing(request):
         return show(next(iter(requests.values())))
     composed = compose_studies(requests, request)
-    is_whole = not chosen and len(requests) > 1  # a report of chosen studies has no certificates
+    is_whole = not chosen and SWEEP not in requests  # only the whole report has certificates
     verify_dir = Path(composed.settings["verify_dir"]) if is_whole else None
     folder = Path(composed.settings["report_dir"])
     complete = build.report_studies(composed.studies, composed.table_1, verify_dir, folder)
