@@ -40,6 +40,7 @@ class Unlucky:
 
     fate: str = mb.choice(
         "nothing",
+        "calls",  # back to the host, where nothing happens
         "raises",
         "kills",
         "hangs",
