@@ -318,6 +318,18 @@ def test_the_first_signal_asks_the_second_ends_and_handlers_are_put_back():
     assert [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)] == before
 
 
+def test_a_second_signal_is_not_taken_for_an_error_of_the_call_that_it_interrupts():
+    handled = []
+    with polite_stop(lambda: None):
+        signal.raise_signal(signal.SIGINT)
+        try:
+            signal.raise_signal(signal.SIGINT)
+        except Exception as error:
+            handled.append(error)
+        handled.append("what follows the second signal")
+    assert handled == []
+
+
 def interrupt_at_the_first_result(monkeypatch: pytest.MonkeyPatch, times: int) -> None:
     """So many Ctrl-C arrive with the first result."""
     add = ResultsWriter.add

@@ -17,7 +17,7 @@ from ..results.timing_load import better_timing, machine_load, to_be_measured
 from .log import log_event, log_on_terminal
 from .plan import Chunk, chunks
 from .pool import Pool
-from .signals import StoppedAtOnce, polite_stop
+from .signals import polite_stop
 from .slow_starts import announced
 from .task import StudyOrder, StudyOutcome, TrialFunctions
 from .workers import WorkerDied, Workers
@@ -155,8 +155,6 @@ def _make(folder: Path, name: str, make: Callable[[], Any]) -> None:
     try:
         with announced(f"{folder.name}: compiling and computing its {name}"):
             content = make()
-    except StoppedAtOnce:
-        raise
     except Exception as error:
         log_event(f"{folder.name}: no {name} ({type(error).__name__}: {error})")
         return

@@ -24,8 +24,12 @@ STOPPING = {signal.SIGINT, signal.SIGTERM}
 GRACE = 10.0  # s that a command has to end after a signal
 
 
-class StoppedAtOnce(Exception):
-    """Says that a second signal came."""
+class StoppedAtOnce(BaseException):
+    """Says that a second signal came.
+
+    It may be raised in the middle of any call. Like KeyboardInterrupt it is no `Exception`, so what
+    handles the errors of that call does not take it for one of them.
+    """
 
 
 class StopRequest:
