@@ -119,7 +119,7 @@ def test_a_line_of_failures_only_or_of_one_trial_can_be_written():
         "-",
     )
     single = summary_text(rows(1), {}, [])
-    assert single["cost [95 %]"] == "3.00"
+    assert (single["cost [95 %]"], single["sd"]) == ("3.00", "-")
     far = summary_text(rows().assign(clearance=math.inf), {}, None)
     assert far["clearance m [95 %]"] == "-"
 

@@ -263,13 +263,14 @@ def test_obstacles_that_return_what_they_should_not_are_named(how, reason):
         (
             {"system": "Rows"},
             r"system\.G fails for a state of shape \(2,\): it needs the value of Rows\.n, which "
-            r"JAX traces; write `n: int = mppi_belief\.size\(2\)` \(user_parts\.py, line \d+\)$",
+            r"JAX traces; write `n: int = mppi_belief\.size\(default=2\)` "
+            r"\(user_parts\.py, line \d+\)$",
         ),
         (
             {"system": "Switched"},
             r"system\.f fails .* jnp\.where and jnp\.\* for that; or it needs the value of "
-            r"Switched\.on, which JAX traces; write `on: bool = mppi_belief\.choice\(True, False\)`"
-            r" \(user_parts\.py, line \d+\)$",
+            r"Switched\.on, which JAX traces; write `on: bool = "
+            r"mppi_belief\.choice\(False, True, default=True\)` \(user_parts\.py, line \d+\)$",
         ),
         ({"cost": "Blind"}, r"cost\.penalty must take \(x, surroundings\): "),
         ({"obstacles": "Ghost"}, r"problem\.obstacles\.clearance is missing: Ghost must have it"),

@@ -9,7 +9,7 @@ from pathlib import Path
 from ..config.cell import Cell
 from ..config.reference import reference_folder
 from ..errors import counted
-from ..report.cell_results import CellResults, read_cell_results
+from ..report.cell_results import CellResults, failure_kinds, read_cell_results
 from ..report.drawing import drawn
 from ..report.summary import BUSY_NOTE, aligned_text, label_text, summary_text
 from ..run.task import StudyOutcome
@@ -64,15 +64,12 @@ def _print_failures(cell: CellResults, root: Path, config_dirs: Sequence[str]) -
     """Prints an example of each kind of failure to stderr, and for an exception the command that
     shows it; returns how many trials failed.
     """
-    failed = cell.rows[cell.rows["status"] != "ok"]
-    for status, rows in failed.groupby("status"):
-        first = rows.iloc[0]
-        trial = first["trial"]
-        line = f"{cell.id}: {len(rows)} {status}, e.g. trial {trial}: {first['error']}"
-        if status == "error":
-            line += f"; `{replay_command(cell.id, trial, root, config_dirs)}` shows it"
+    for kind in failure_kinds(cell):
+        line = kind.line
+        if kind.status == "error":
+            line += f"; `{replay_command(cell.id, kind.trial, root, config_dirs)}` shows it"
         print(line, file=sys.stderr)
-    return len(failed)
+    return int((cell.rows["status"] != "ok").sum())
 
 
 def _save_pictures(results: Sequence[CellResults], root: Path, outcome: StudyOutcome) -> list[Path]:

@@ -1,6 +1,8 @@
 """Builds the report of studies: tables and figures as files, and one page with all of them."""
 
+import itertools
 import shlex
+import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -9,7 +11,7 @@ from ..config.request import key_of
 from ..errors import counted
 from ..results.certificate import CERTIFICATE_NAMES
 from ..results.certificate_files import StoredCertificate, load_certificates
-from .cell_results import CellResults, read_cell_results
+from .cell_results import CellResults, failure_kinds, read_cell_results
 from .elements import cell_lines
 from .frame_files import write_text_file
 from .headings import page_heading
@@ -21,6 +23,7 @@ from .sections import FURTHER_STUDIES, PAPER_STUDIES, own_sections, study_sectio
 from .sections.own_study import OwnStudy
 from .sections.table_1 import table_1_frame
 from .sections.theory import theory_provenance, theory_sections, theory_warnings
+from .summary import BUSY_NOTE
 
 INDEX_HTML = "index.html"
 STUDIES = tuple(PAPER_STUDIES)  # of a report that is not asked for others
@@ -38,7 +41,7 @@ def report_studies(
     Reads the results of the studies' cells and, unless `verify_dir` is None, the certificates.
     `table_1` are the configurations of the paper's Table I; numbers of the paper are shown beside
     cells with their settings only. Prints tables, warnings, and for whatever is missing the command
-    that runs it.
+    that runs it; to stderr an example of each kind of failed trial.
     """
     warnings: dict[str, None] = {}  # cells that two studies share warn once
     results = [_read_study(study, table_1, warnings.setdefault) for study in studies]
@@ -47,6 +50,11 @@ def report_studies(
 
     for study in results:
         _print_table(study)
+    distinct = {cell.id: cell for study in results for cell in study.cells}.values()
+    if any(cell.busy and cell.seconds for cell in distinct):
+        print(BUSY_NOTE)
+    for kind in itertools.chain.from_iterable(map(failure_kinds, distinct)):
+        print(kind.line, file=sys.stderr)
     missing = missing_lines(results)
     if verify_dir is not None and len(certificates) < len(CERTIFICATE_NAMES):
         missing.append(_missing_certificates(len(certificates), studies[0].overrides))

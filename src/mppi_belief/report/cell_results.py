@@ -205,3 +205,22 @@ def cell_titles(cells: Sequence[CellResults]) -> list[str]:
         is_ambiguous = names.count(name) > 1 and settings
         titles.append(f"{name} ({', '.join(settings)})" if is_ambiguous else name)
     return titles
+
+
+class FailureKind(NamedTuple):
+    """Holds an example of the trials of a cell that failed in one way."""
+
+    status: str  # error, crashed, timeout or diverged
+    trial: int  # the first that failed so
+    line: str  # the cell, how many there are, and what befell this trial
+
+
+def failure_kinds(cell: CellResults) -> list[FailureKind]:
+    """Returns an example of each kind of failure among the trials of a cell."""
+    kinds = []
+    for status, rows in cell.rows[cell.rows["status"] != "ok"].groupby("status"):
+        first = rows.iloc[0]
+        example = f"trial {first['trial']}: {first['error']}"
+        line = f"{cell.id}: {len(rows)} {status}, e.g. {example}"
+        kinds.append(FailureKind(str(status), int(first["trial"]), line))
+    return kinds

@@ -68,7 +68,7 @@ def summary_text(
     line = {name: label_text(value) for name, value in labels.items()}
     line["trials"] = f"{trials} ({summary.failed} failed)" if summary.failed else trials
     line["cost [95 %]"] = interval_text(summary.cost, 2)
-    line["sd"] = f"{summary.sd:.2f}"
+    line["sd"] = f"{summary.sd:.2f}" if math.isfinite(summary.sd) else "-"
     line["collided % [95 %]"] = interval_text(summary.collided.times(100), 1)
     line["clearance m [95 %]"] = interval_text(summary.clearance, 3)
     line["ESS"] = "-" if math.isnan(summary.ess) else f"{summary.ess:.1f}"

@@ -43,7 +43,7 @@ def reason_of(error: Exception, *owners: Any) -> str:
 
 def _undeclared(owner: Any) -> Iterator[tuple[str, str]]:
     """Yields name and declaration of every field of an object and of its parts that is no array and
-    not declared: "Rows.n" and "n: int = mppi_belief.size(3)".
+    not declared: "Rows.n" and "n: int = mppi_belief.size(default=3)".
     """
     if not dataclasses.is_dataclass(owner):
         return
@@ -57,12 +57,12 @@ def _undeclared(owner: Any) -> Iterator[tuple[str, str]]:
 def _declaration(field: "dataclasses.Field[Any]") -> str | None:
     """Returns how a field that is no array is declared; None for any other."""
     annotation = field.type if isinstance(field.type, str) else getattr(field.type, "__name__", "")
-    default = "" if field.default is dataclasses.MISSING else repr(field.default)
+    default = "" if field.default is dataclasses.MISSING else f"default={field.default!r}"
     if annotation == "int":
-        lowest = ", ge=0" if default == "0" else ""
+        lowest = ", ge=0" if field.default == 0 else ""
         return f"int = mppi_belief.size({default}{lowest})"
     if annotation == "bool":
-        options = "False, True" if field.default is False else "True, False"
+        options = ", ".join(filter(None, ["False", "True", default]))
         return f"bool = mppi_belief.choice({options})"
     if annotation.startswith("tuple"):
         return f"{annotation} = mppi_belief.indices({default})"
