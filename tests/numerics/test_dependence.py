@@ -5,7 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from mppi_belief.numerics.dependence import NOT_QUADRATIC, dependence
+from mppi_belief.numerics.dependence import dependence
+from mppi_belief.numerics.dependence_algebra import NOT_QUADRATIC
 
 W = np.arange(16.0).reshape(4, 4)
 MAP = jnp.arange(10000.0).reshape(100, 100)

@@ -26,7 +26,8 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from ..numerics.dependence import QUADRATIC, Dependence, dependence
+from ..numerics.dependence import dependence
+from ..numerics.dependence_algebra import QUADRATIC, Dependence
 from ..numerics.linalg import dot, matvec
 from ..numerics.quadrature import cost_rule
 from ..numerics.scalarized import vmap_scalarized

@@ -7,7 +7,7 @@ a rule depends on all of its operands, and to no degree.
 
 import functools
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import numpy as np
@@ -15,6 +15,17 @@ from jax import Array
 from jax.extend import core
 
 from .component_table import Table
+from .dependence_algebra import (
+    CONSTANT,
+    Dependence,
+    described,
+    function_of,
+    power_of,
+    product_of,
+    quotient_of,
+    selected_of,
+    sum_of,
+)
 from .jaxpr_interpreter import (
     ELEMENTWISE,
     RuleTable,
@@ -23,8 +34,6 @@ from .jaxpr_interpreter import (
     interpret,
 )
 
-QUADRATIC = 2  # the highest degree that is distinguished
-NOT_QUADRATIC = 3  # a polynomial of a higher degree, or none
 LARGEST_KNOWN = 256  # entries of a constant whose values are kept, to know which are zero
 
 # Operations that move the entries of their first operand.
@@ -48,16 +57,6 @@ MOVING = frozenset(
 CUSTOM_DERIVATIVES = ("custom_jvp_call", "custom_vjp_call")
 
 
-class Dependence(NamedTuple):
-    """Says what a number depends on."""
-
-    components: frozenset[int]  # of the function's argument
-    degree: int  # of the polynomial that it is; NOT_QUADRATIC beyond QUADRATIC
-
-
-CONSTANT = Dependence(frozenset(), 0)
-
-
 def dependence(function: Callable[[Array], Array], x: Array) -> Dependence:
     """Returns what a function (n,) -> () depends on; only shape and type of x count."""
     sample = jax.ShapeDtypeStruct(x.shape, x.dtype)
@@ -66,12 +65,7 @@ def dependence(function: Callable[[Array], Array], x: Array) -> Dependence:
     for i in range(len(x)):
         argument[i] = Dependence(frozenset([i]), 1)
     (result,) = interpret(closed_jaxpr, [argument], _DEPENDENCES, 1)
-    return _described(result.item())
-
-
-def _described(entry: Any) -> Dependence:
-    """Returns the entry of a table, where numbers are known, as a dependence."""
-    return entry if isinstance(entry, Dependence) else CONSTANT
+    return described(result.item())
 
 
 def _constant(value: Any) -> Table:
@@ -90,54 +84,6 @@ def _constant(value: Any) -> Table:
 
 def _is_known(table: Table) -> bool:
     return not any(isinstance(entry, Dependence) for entry in table.flat)
-
-
-def _is_zero(entry: Any) -> bool:
-    return not isinstance(entry, Dependence) and entry == 0
-
-
-# What becomes of two dependences.
-
-
-def _joined(entries: Sequence[Any], degree: Callable[[list[int]], int]) -> Dependence:
-    """Returns what depends on all entries that vary, to a degree made of theirs."""
-    varying = [e for e in map(_described, entries) if e.components]
-    if not varying:
-        return CONSTANT
-    components = frozenset().union(*(e.components for e in varying))
-    return Dependence(components, min(degree([e.degree for e in varying]), NOT_QUADRATIC))
-
-
-def _sum(*entries: Any) -> Any:
-    varying = [entry for entry in entries if not _is_zero(entry)]
-    return _joined(varying, max) if varying else entries[0]
-
-
-def _product(*entries: Any) -> Any:
-    if any(map(_is_zero, entries)):
-        return np.zeros((), float)[()]
-    return _joined(entries, sum)
-
-
-def _function(*entries: Any) -> Dependence:
-    return _joined(entries, lambda degrees: NOT_QUADRATIC)
-
-
-def _quotient(numerator: Any, denominator: Any) -> Dependence:
-    if _described(denominator).components:
-        return _function(numerator, denominator)
-    return _sum(numerator)
-
-
-def _selected(which: Any, *cases: Any) -> Dependence:
-    return _function(which, *cases) if _described(which).components else _sum(*cases)
-
-
-def _power(entry: Any, exponent: Any) -> Dependence:
-    is_polynomial = not isinstance(exponent, Dependence) and exponent >= 0 and exponent % 1 == 0
-    if not is_polynomial:
-        return _function(entry, exponent)
-    return _joined([entry], lambda degrees: int(exponent) * degrees[0])
 
 
 # Rules.
@@ -163,7 +109,7 @@ def _by_rule(equation: core.JaxprEqn, tables: list[Table]) -> list[Table] | None
     if operation is not None:
         return [_for_each_entry(operation, outputs[0].shape, tables)]
     if name == "reduce_sum":
-        return [_reduced(_sum, equation, tables[0])]
+        return [_reduced(sum_of, equation, tables[0])]
     if name == "dot_general":
         return [_contracted(equation, *tables)]
     return None
@@ -175,25 +121,25 @@ def _operation(equation: core.JaxprEqn) -> Callable[..., Any] | None:
     if name not in ELEMENTWISE and name != "add_any":
         return None
     if name == "integer_pow":
-        return functools.partial(_power, exponent=equation.params["y"])
+        return functools.partial(power_of, exponent=equation.params["y"])
     if name == "square":
-        return functools.partial(_power, exponent=2)
+        return functools.partial(power_of, exponent=2)
     if name == "convert_element_type":
         types = [aval(equation.invars[0]).dtype, equation.params["new_dtype"]]
         is_float = all(np.issubdtype(dtype, np.floating) for dtype in types)
-        return _sum if is_float else _function
+        return sum_of if is_float else function_of
     by_name: dict[str, Callable[..., Any]] = {
-        "add": _sum,
-        "add_any": _sum,
-        "copy": _sum,
-        "div": _quotient,
-        "mul": _product,
-        "neg": _sum,
-        "pow": _power,
-        "select_n": _selected,
-        "sub": _sum,
+        "add": sum_of,
+        "add_any": sum_of,
+        "copy": sum_of,
+        "div": quotient_of,
+        "mul": product_of,
+        "neg": sum_of,
+        "pow": power_of,
+        "select_n": selected_of,
+        "sub": sum_of,
     }
-    return by_name.get(name, _function)
+    return by_name.get(name, function_of)
 
 
 def _for_each_entry(
@@ -231,7 +177,7 @@ def _contracted(equation: core.JaxprEqn, a: Table, b: Table) -> Table:
     result = np.empty((len(left_side), left_side.shape[1], right_side.shape[1]), object)
     for batch, i, j in np.ndindex(*result.shape):
         pairs = zip(left_side[batch, i], right_side[batch, j], strict=True)
-        result[batch, i, j] = _sum(*(_product(*pair) for pair in pairs))
+        result[batch, i, j] = sum_of(*(product_of(*pair) for pair in pairs))
     return result.reshape(shape)
 
 
@@ -286,13 +232,13 @@ def _called(equation: core.JaxprEqn, tables: list[Table]) -> list[Table] | None:
     if not isinstance(inner, core.ClosedJaxpr):
         return None
     results = interpret(inner, tables, _DEPENDENCES, 1)
-    return [_for_each_entry(_function, table.shape, [table]) for table in results]
+    return [_for_each_entry(function_of, table.shape, [table]) for table in results]
 
 
 def _opaque(equation: core.JaxprEqn, tables: list[Table]) -> list[Table]:
     """Lets every result depend on all operands, as if the operation could do anything."""
     entries = [entry for table in tables for entry in table.flat]
-    result = _function(*entries)
+    result = function_of(*entries)
     outputs = []
     for variable in equation.outvars:
         table = np.empty(aval(variable).shape, object)

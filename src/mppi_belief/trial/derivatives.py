@@ -12,7 +12,8 @@ import jax
 import numpy as np
 from jax import Array
 
-from ..numerics.dependence import NOT_QUADRATIC, dependence
+from ..numerics.dependence import dependence
+from ..numerics.dependence_algebra import NOT_QUADRATIC
 from ..planning.parts import ExpandsCost
 from ..problem import Controller, Problem
 from .members import member_value
