@@ -12,7 +12,7 @@ from ..errors import counted
 from ..results.certificate import CERTIFICATE_NAMES
 from ..results.certificate_files import StoredCertificate, load_certificates
 from .cell_results import CellResults, failure_kinds, read_cell_results
-from .elements import cell_lines
+from .elements import any_busy, cell_lines
 from .frame_files import write_text_file
 from .headings import page_heading
 from .origin import trial_provenance, trial_warnings
@@ -50,10 +50,10 @@ def report_studies(
 
     for study in results:
         _print_table(study)
-    distinct = {cell.id: cell for study in results for cell in study.cells}.values()
-    if any(cell.busy and cell.seconds for cell in distinct):
+    cells = _distinct_cells(results)
+    if any_busy(cells):
         print(BUSY_NOTE)
-    for kind in itertools.chain.from_iterable(map(failure_kinds, distinct)):
+    for kind in itertools.chain.from_iterable(map(failure_kinds, cells)):
         print(kind.line, file=sys.stderr)
     missing = missing_lines(results)
     if verify_dir is not None and len(certificates) < len(CERTIFICATE_NAMES):
@@ -84,6 +84,11 @@ def _read_study(
     return StudyResults(study, cells)
 
 
+def _distinct_cells(studies: Sequence[StudyResults]) -> list[CellResults]:
+    """Returns the cells of all studies, those that two studies share once."""
+    return list({cell.id: cell for study in studies for cell in study.cells}.values())
+
+
 def _print_table(results: StudyResults) -> None:
     """Prints Table I, or the cells of a study of one's own."""
     if not any(len(cell.good) for cell in results.cells):
@@ -105,10 +110,7 @@ def write_report(
     `warnings` are shown on the page, after those about the trials and the certificates.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    distinct: dict[str, CellResults] = {}
-    for results in studies:
-        distinct |= {cell.id: cell for cell in results.cells}
-    cells = list(distinct.values())
+    cells = _distinct_cells(studies)
     known = {results.study.name: results.cells for results in studies if not results.study.is_own}
     own = [
         OwnStudy(results.study.stem, results.study.title, results.cells)

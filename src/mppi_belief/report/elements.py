@@ -64,7 +64,7 @@ def write_page_table(
         lines = [summary_numbers(cell.rows, cell.labels, cell.seconds) for cell in cells]
         numbers = pd.DataFrame(lines)
     write_frame(folder, stem, frame, numbers)
-    if cells is not None and _any_busy(cells):
+    if cells is not None and any_busy(cells):
         caption = f"{caption}. {BUSY_NOTE}"
     return PageTable(stem, caption, frame)
 
@@ -120,13 +120,13 @@ def machine_sentence(cells: Sequence[CellResults]) -> str:
     """Returns a sentence in LaTeX on the machines of the times; "" where none is known."""
     sources = itertools.chain.from_iterable(cell.sources for cell in cells)
     processors = {str(source["processor"]) for source in sources if source.get("processor")}
-    busy = f" {BUSY_MARK}: while other work kept the machine busy." if _any_busy(cells) else ""
+    busy = f" {BUSY_MARK}: while other work kept the machine busy." if any_busy(cells) else ""
     if not processors:
         return busy.strip()
     return f"Times measured here on {escaped(listed(sorted(processors)))}.{busy}"
 
 
-def _any_busy(cells: Sequence[CellResults]) -> bool:
+def any_busy(cells: Sequence[CellResults]) -> bool:
     """Returns whether some times were measured while other work kept the machine busy."""
     return any(cell.busy and cell.seconds for cell in cells)
 
