@@ -1,4 +1,4 @@
-"""Where compiled programs and Matplotlib's list of fonts are cached between commands.
+"""Finds where compiled programs and Matplotlib's list of fonts are cached between commands.
 
 A container may run as a user without a home directory, or with one that cannot be written to. The
 cache then lies in the folder for temporary files, if nobody else can write to it there.

@@ -1,4 +1,4 @@
-"""From a request to the configurations of its cells: parse, compose, check, label.
+"""Composes the configurations of the cells of a request: parse, compose, check, label.
 
     words            ["sweep=theta", "seed=3"]    typed by a person, parsed by `mppi_belief.cli`
       |

@@ -1,4 +1,4 @@
-"""What a `_target_` may name: classes of this package, and of modules in folders that were allowed.
+"""Says what a `_target_` may name: classes of this package and of modules in allowed folders.
 
 The place of a module's file decides whether it may be named, before anything of it is imported. A
 user's code is part of what a trial is, so it has a fingerprint: a hash of its files.

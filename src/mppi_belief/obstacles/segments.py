@@ -1,4 +1,4 @@
-"""How near the straight lines between consecutive positions come to obstacles.
+"""Computes how near the straight lines between consecutive positions come to obstacles.
 
     clearance of step k = min over s in [0, 1] of clearance(p_k + s (p_{k+1} - p_k))
 

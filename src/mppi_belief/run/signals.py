@@ -1,4 +1,4 @@
-"""What SIGINT (Ctrl-C) and SIGTERM do, from the first import of a command to its last line.
+"""Handles SIGINT (Ctrl-C) and SIGTERM, from the first import of a command to its last line.
 
 1. `__main__` blocks both before it imports anything else (`block`): a signal during an import would
    end it with a traceback. Blocked signals wait.

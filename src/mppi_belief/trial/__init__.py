@@ -1,4 +1,4 @@
-"""What a worker runs: build a cell's objects, simulate its trials, time its control step."""
+"""Does the work of a worker: builds a cell's objects, simulates its trials, times its steps."""
 
 from .build import CellParts, build, check
 from .device import device

@@ -1,4 +1,4 @@
-"""What the samplers that draw controls about a nominal plan share: the density, the warm start.
+"""Holds what samplers of controls about a nominal plan share: the density, the warm start.
 
     delta_k ~ N(0, S_u)
 
