@@ -8,7 +8,9 @@
    signal (`ended_by_signals`).
 4. Workers ignore both (`ignore`), since a terminal sends Ctrl-C to the whole process group: the
    parent decides. Threads and processes that must never see a signal are started while both are
-   blocked (`masked`).
+   blocked (`masked`). The system may then give a signal to another thread of the process, such as
+   that of a progress bar, and Python would run its handler in the main thread nevertheless:
+   handlers wait too (`_waits_while_masked`).
 5. When all is done, `__main__` ignores them (`ignore`): the command ends anyway.
 
 A command that a signal stops has the exit code 128 + number of the signal.
@@ -16,12 +18,27 @@ A command that a signal stops has the exit code 128 + number of the signal.
 
 import os
 import signal
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass, field
 from types import FrameType
 
 STOPPING = {signal.SIGINT, signal.SIGTERM}
 GRACE = 10.0  # s that a command has to end after a signal
+
+Handler = Callable[[int, FrameType | None], None]
+
+
+@dataclass
+class MaskedSignals:
+    """Holds what `masked` does in the main thread, the only one that runs handlers."""
+
+    depth: int = 0  # number of `masked` blocks that have been entered
+    waiting: list[int] = field(default_factory=list)  # signals whose handlers wait for their end
+
+
+_masked_signals = MaskedSignals()
 
 
 class StoppedAtOnce(BaseException):
@@ -77,10 +94,35 @@ def masked() -> Iterator[None]:
     # The first process to start would start the tracker, and that lets signals in again.
     resource_tracker.ensure_running()
     mask_before = signal.pthread_sigmask(signal.SIG_BLOCK, STOPPING)
+    in_main_thread = threading.current_thread() is threading.main_thread()
+    _masked_signals.depth += in_main_thread
     try:
         yield
     finally:
+        _masked_signals.depth -= in_main_thread
         signal.pthread_sigmask(signal.SIG_SETMASK, mask_before)
+        if in_main_thread and not _masked_signals.depth:
+            _raise_waiting_signals()
+
+
+def _waits_while_masked(handle: Handler) -> Handler:
+    """Returns a handler that is called at the end of `masked` for a signal that comes meanwhile."""
+
+    def handle_or_wait(number: int, frame: FrameType | None) -> None:
+        if _masked_signals.depth:
+            _masked_signals.waiting.append(number)
+        else:
+            handle(number, frame)
+
+    return handle_or_wait
+
+
+def _raise_waiting_signals() -> None:
+    """Sends this process the signals again that have waited; each of them once."""
+    numbers = dict.fromkeys(_masked_signals.waiting)
+    _masked_signals.waiting.clear()
+    for number in numbers:
+        signal.raise_signal(number)
 
 
 @contextmanager
@@ -99,7 +141,8 @@ def polite_stop(on_first: Callable[[], None]) -> Iterator[StopRequest]:
             stop.at_once = True
             raise StoppedAtOnce
 
-    handlers_before = {number: signal.signal(number, handle) for number in STOPPING}
+    waiting_handler = _waits_while_masked(handle)
+    handlers_before = {number: signal.signal(number, waiting_handler) for number in STOPPING}
     # Two signals that have waited count as one, and one that comes when all is over as none.
     mask_before = signal.pthread_sigmask(signal.SIG_UNBLOCK, STOPPING)
     try:
@@ -136,7 +179,7 @@ def ended_by_signals(
         signal.setitimer(signal.ITIMER_REAL, grace)
         raise KeyboardInterrupt(number)
 
-    handlers = {number: signal.signal(number, stop) for number in STOPPING}
+    handlers = {number: signal.signal(number, _waits_while_masked(stop)) for number in STOPPING}
     mask = signal.pthread_sigmask(signal.SIG_BLOCK, ())
     try:
         signal.pthread_sigmask(signal.SIG_UNBLOCK, STOPPING)
