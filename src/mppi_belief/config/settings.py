@@ -43,6 +43,9 @@ class Planner:
     horizon: int = MISSING
     temperature: float = MISSING
     control_std: float | None = MISSING
+    at_step_end: bool = MISSING
+    variance_of: str = MISSING
+    expectation: str = MISSING
 
 
 @dataclass
