@@ -32,7 +32,7 @@ def reference(group: str, option: str) -> dict[str, Any]:
     there is no such file.
     """
     options = _default_options() | {group: option}
-    options = _options_in(_load("system", options["system"])) | options
+    options = _options_of("system", options["system"]) | options
     settings = OmegaConf.create(_top_level())
     for chosen_group, chosen_option in options.items():
         settings.merge_with(_content(chosen_group, chosen_option))
@@ -91,6 +91,16 @@ def _content(group: str, option: str) -> dict[str, Any]:
     settings = _settings_in(own)
     content.merge_with(settings if _is_global(group, option) else _nested(group, settings))
     return _unresolved(content)
+
+
+def _options_of(group: str, option: str) -> dict[str, str]:
+    """Returns the options of groups that a file chooses, or the files of its group below it."""
+    own = _load(group, option)
+    options: dict[str, str] = {}
+    for entry in own.get("defaults", []):
+        if isinstance(entry, str) and entry != "_self_":
+            options |= _options_of(group, entry)
+    return options | _options_in(own)
 
 
 def _options_in(content: dict[str, Any]) -> dict[str, str]:
