@@ -21,7 +21,8 @@ def workload(overrides: list[str] | None = None) -> dict[str, Any]:
             name: cost[name]
             for name in ("goal", "running_weight", "terminal_weight", "control_weight")
         },
-        **{name: cost[name] for name in ("w_obs", "bump_width")},
+        "w_obs": cost["w_obs"],
+        "bump_width": cost["obstacle_penalty"]["width"],
         **{name: obstacles[name] for name in ("centers", "radius")},
         **{name: planner[name] for name in ("n_samples", "horizon", "temperature")},
         "control_std": planner["sampler"]["control_std"],

@@ -55,7 +55,7 @@ def light_dark_problem(
         "terminal_weight": [5, 5, 0.15, 0.15],
         "control_weight": [0.035, 0.035],
         "w_obs": 500,
-        "bump_width": 0.285,
+        "obstacle_penalty": mb.Bump(0.285),
     }
     rest = {
         "prior_mean": [1, 1, 0, 0],

@@ -223,10 +223,8 @@ def problem(system: str, n: Numbers) -> mb.Problem:
         )
     else:
         dynamics = mb.Linear(n["A"], n["B"], n["C"], n["channel"], n["sensor_noise"])
-    weights = _of(
-        n, "goal", "running_weight", "terminal_weight", "control_weight", "w_obs", "bump_width"
-    )
-    cost = mb.GoalObstacleCost(**weights)
+    weights = _of(n, "goal", "running_weight", "terminal_weight", "control_weight", "w_obs")
+    cost = mb.GoalObstacleCost(**weights, obstacle_penalty=mb.Bump(n["bump_width"]))
     return mb.Problem(
         dynamics,
         cost,

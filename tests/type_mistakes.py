@@ -58,7 +58,7 @@ mb.GoalObstacleCost([7, 0], [1, 1], [1, 1])  # mypy: call-arg, pyright: reportCa
 # A problem of the wrong parts.
 discs = mb.Obstacles(centers=[[3, 1], [3, -1]], radius=1)
 system = mb.LightDark(process_noise=0.3, light=5, noise_slope=1, noise_floor=0.1)
-cost = mb.GoalObstacleCost([7, 0, 0, 0], [1] * 4, [1] * 4, [1, 1], w_obs=1, bump_width=0.3)
+cost = mb.GoalObstacleCost([7, 0, 0, 0], [1] * 4, [1] * 4, [1, 1], obstacle_penalty=mb.Hinge(0.3))
 problem = mb.Problem(system, cost, [0] * 4, [1] * 4, dt=0.1, steps=6, obstacles=discs)
 mb.Problem(cost, system, [0] * 4, [1] * 4, 0.1, 6)  # mypy: arg-type, pyright: reportArgumentType
 mb.Problem(system, cost, [0] * 4, [1] * 4, 0.1)  # mypy: call-arg, pyright: reportCallIssue

@@ -154,7 +154,7 @@ def configure(base: dict[str, Any], candidate: dict[str, Any]) -> dict[str, Any]
         "terminal_weight": [candidate["terminal_position"]] * 2
         + [candidate["terminal_velocity"]] * 2,
         "control_weight": [candidate["r"]] * 2,
-        "bump_width": candidate["bump_width"],
+        "obstacle_penalty": config["cost"]["obstacle_penalty"] | {"width": candidate["bump_width"]},
         "w_obs": candidate["w_obs"],
     }
     sampler = config["controller"].get("sampler", {})

@@ -12,7 +12,7 @@ They need no Hydra and no command line. docs/api.md has an example of each.
         terminal_weight=[5, 5, 0.15, 0.15],
         control_weight=[0.2, 0.2],
         w_obs=300,
-        bump_width=0.26,
+        obstacle_penalty=mb.Bump(width=0.26),
     )
     mean = [0.9, 1.9, 0, 0]
     sd = [0.25, 0.25, 0.05, 0.05]
@@ -43,6 +43,15 @@ if TYPE_CHECKING:  # the same names as below, for type checkers
         PooledPaths as PooledPaths,
     )
     from .costs import GoalObstacleCost as GoalObstacleCost
+    from .costs.penalties import (
+        Bump as Bump,
+        CenterPenalty as CenterPenalty,
+        Hinge as Hinge,
+        Indicator as Indicator,
+        SmoothStep as SmoothStep,
+        SquaredHinge as SquaredHinge,
+        SurfacePenalty as SurfacePenalty,
+    )
     from .discretise import (
         euler_step as euler_step,
         measurement_cov as measurement_cov,
@@ -57,6 +66,7 @@ if TYPE_CHECKING:  # the same names as below, for type checkers
     )
     from .obstacles import (
         ClosedFormClearance as ClosedFormClearance,
+        ObstacleDistances as ObstacleDistances,
         ObstacleShape as ObstacleShape,
         Obstacles as Obstacles,
         Surroundings as Surroundings,
@@ -144,7 +154,13 @@ _NAMES = {
         "WeighsPaths",
         "WrappedMeasurements",
     ],
-    "obstacles": ["ClosedFormClearance", "ObstacleShape", "Surroundings", "Obstacles"],
+    "obstacles": [
+        "ClosedFormClearance",
+        "ObstacleDistances",
+        "ObstacleShape",
+        "Surroundings",
+        "Obstacles",
+    ],
     "systems": [
         "Beacons",
         "LightDark",
@@ -155,6 +171,15 @@ _NAMES = {
         "Steered",
     ],
     "costs": ["GoalObstacleCost"],
+    "costs.penalties": [
+        "Bump",
+        "CenterPenalty",
+        "Hinge",
+        "Indicator",
+        "SmoothStep",
+        "SquaredHinge",
+        "SurfacePenalty",
+    ],
     "filters": ["EKF", "MixtureFilter", "ParticleFilter", "UKF"],
     "controllers": [
         "AverageOfParticles",

@@ -104,11 +104,11 @@ def test_the_list_has_a_line_a_cell_with_its_statuses_settings_commit_and_age(co
 
 def test_settings_that_differ_are_shown_and_those_that_do_not_are_not(command, root):
     for width in (0.1, 0.2):
-        cell = cell_of(**{"cost.bump_width": width, "planner.horizon": 7})
+        cell = cell_of(**{"cost.obstacle_penalty.width": width, "planner.horizon": 7})
         widened = Cell(cell.config | {"system": {"width": width}})
         store_results(root, widened, rows_of(widened, 1), (), source())
     head, *others = lines(command())
-    assert "cost.bump_width" in head
+    assert "cost.obstacle_penalty.width" in head
     assert not any(name in head for name in ("planner.horizon", "precision", "note"))
     assert sorted(line.split()[5] for line in others) == ["0.1", "0.2"]
 

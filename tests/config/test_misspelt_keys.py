@@ -36,6 +36,9 @@ def test_a_renamed_key_leads_to_its_replacement():
     assert unknown_key_line("controller.proposal") == (
         "unknown key 'controller.proposal'; use controller/sampler=nominal or =laplace instead"
     )
+    assert unknown_key_line("cost.bump_width") == (
+        "unknown key 'cost.bump_width'; use cost.obstacle_penalty.width instead"
+    )
 
 
 @pytest.mark.parametrize(

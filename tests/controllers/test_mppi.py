@@ -102,7 +102,7 @@ def test_diagnostics(light_dark, x64, rng):
 def test_a_penalty_between_two_states_is_charged_where_a_step_has_more_points(x64):
     """Moves at 8 m/s over a bump that is much narrower than a step of 0.8 m."""
     problem = light_dark_problem(
-        cost={"bump_width": 0.05, "w_obs": 1e3},
+        cost={"obstacle_penalty": mb.Bump(0.05), "w_obs": 1e3},
         obstacles=mb.Obstacles([[0.4, 0.0]], 0.05),
         prior_mean=[0.0, 0.0, 8.0, 0.0],
     )

@@ -52,7 +52,7 @@ def test_text_booleans_and_nothing_come_back(tmp_path):
 def test_swept_settings_are_columns_of_their_own(tmp_path):
     swept = {
         "controller.horizon": 7,
-        "cost.bump_width": 0.1,
+        "cost.obstacle_penalty.width": 0.1,
         "cost.goal": "[1, 2]",
         "system": "light_dark",
     }

@@ -62,7 +62,7 @@ def quadratic_case(seed: int) -> tuple[mb.Problem, np.ndarray, np.ndarray, Quadr
     goal = rng.normal(size=2)
     W = F @ F.T + 0.1 * np.eye(2)
     cov = 0.3 * S @ S.T + 0.1 * np.eye(2)
-    cost = mb.GoalObstacleCost(goal, W, W, [1, 1], w_obs=0, bump_width=1)
+    cost = mb.GoalObstacleCost(goal, W, W, [1, 1], w_obs=0, obstacle_penalty=mb.Bump(1))
     problem = resting_problem(cost, mb.Obstacles(np.zeros((1, 2)), 0))
     return problem, mean, cov, QuadraticLaw(cov @ W, mean - goal, W @ (mean - goal))
 

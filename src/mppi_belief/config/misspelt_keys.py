@@ -27,6 +27,7 @@ REPLACEMENTS = {
     "controller.proposal": "controller/sampler=nominal or =laplace",
     "controller.plan_from": "controller.schedule.components",
     "controller.sees_state": "controller=oracle",
+    "cost.bump_width": "cost.obstacle_penalty.width",
 }
 
 

@@ -3,7 +3,7 @@
 conf/ is the only home of these numbers. Certificates and tests read them here instead of copying
 them:
 
-    reference("cost", "goal_obstacles")["bump_width"]    # 0.26
+    reference("cost", "goal_obstacles")["obstacle_penalty"]["width"]    # 0.26
     reference("system", "light_dark")["problem"]         # a system's file also holds the problem
     reference_settings()["w_obs"]                        # the top level of conf/config.yaml
 """

@@ -18,14 +18,24 @@ class Obstacles:
 
         It is negative inside, and inf without discs. Raises `ValueError` for another d.
         """
-        if len(self.centers) == 0:
-            return jnp.asarray(jnp.inf)
-        if self.centers.shape[-1] != len(position):
+        return jnp.min(self.distances(position), initial=jnp.inf)
+
+    def distances(self, position: Array) -> Array:
+        """Returns the distance (n,) from a position (d,) to the surface of each disc.
+
+        It is negative inside. Raises `ValueError` for another d.
+        """
+        centers = jnp.asarray(self.centers)
+        if len(centers) == 0:
+            return jnp.zeros(0)
+        if centers.shape[-1] != len(position):
             raise ValueError(
-                f"centers of shape {self.centers.shape} do not fit a position of {len(position)}"
+                f"centers of shape {centers.shape} do not fit a position of {len(position)}"
             )
-        offsets = position - jnp.asarray(self.centers)
-        return jnp.min(jnp.sqrt(jnp.sum(offsets**2, axis=-1))) - self.radius
+        squares = jnp.sum((position - centers) ** 2, axis=-1)
+        # The root has no derivative at a centre; it counts as flat there.
+        at_center = squares == 0
+        return jnp.where(at_center, 0.0, jnp.sqrt(jnp.where(at_center, 1.0, squares))) - self.radius
 
     def segment_clearance(self, start: Array, end: Array) -> Array:
         """Returns the least clearance () on the straight line between two positions (d,).

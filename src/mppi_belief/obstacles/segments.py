@@ -16,6 +16,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
+from .distances import agrees_with_clearance
 from .surroundings import ObstacleShape
 
 MAX_INTERVALS = 1000  # into which a line is divided; bounds the work where a trial diverges
@@ -38,23 +39,12 @@ def path_clearance(obstacles: ObstacleShape, positions: Array, resolution: Array
     at_ends = jnp.minimum(at_positions[:-1], at_positions[1:])
 
     def between(start: Array, end: Array) -> Array:
-        if isinstance(obstacles, ClosedFormClearance) and _fits_clearance(obstacles):
-            return obstacles.segment_clearance(start, end)
-        return _sampled_clearance(obstacles, start, end, resolution)
+        inherited = not agrees_with_clearance(obstacles, "segment_clearance")
+        if inherited or not isinstance(obstacles, ClosedFormClearance):
+            return _sampled_clearance(obstacles, start, end, resolution)
+        return obstacles.segment_clearance(start, end)
 
     return jnp.minimum(at_ends, jax.vmap(between)(positions[:-1], positions[1:]))
-
-
-def _fits_clearance(obstacles: ClosedFormClearance) -> bool:
-    """Says whether the closed form is that of the class's own `clearance`.
-
-    It is not where a subclass changes `clearance` and inherits the closed form.
-    """
-    definers = []
-    for name in ("segment_clearance", "clearance"):
-        bases = (base for base in type(obstacles).__mro__ if name in vars(base))
-        definers.append(next(bases, object))
-    return issubclass(definers[0], definers[1])
 
 
 def _sampled_clearance(

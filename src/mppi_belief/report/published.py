@@ -62,7 +62,7 @@ OPEN = {
     "cost.running_weight": "Q^x",
     "cost.terminal_weight": "terminal weight",
     "cost.control_weight": "R",
-    "cost.bump_width": "width of the obstacle penalty (m)",
+    "cost.obstacle_penalty.width": "width of the obstacle penalty (m)",
     "cost.w_obs": "obstacle weight (1/s)",
     "controller.sampler.control_std": "spread of sampled controls (m/s^2)",
 }  # keys of the configuration whose values the paper does not give, with their meaning

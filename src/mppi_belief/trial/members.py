@@ -11,7 +11,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from ..errors import ConfigError
-from ..obstacles import ClosedFormClearance
+from ..obstacles import ClosedFormClearance, ObstacleDistances
 from ..problem import Problem
 
 # Members by the name that messages give them, and their shapes: nx states, nu controls, nw noise
@@ -30,6 +30,7 @@ SHAPES: dict[str, tuple[str, ...]] = {
     "system.sigma_o": ("ny", "ny"),
     "problem.obstacles.clearance": (),
     "problem.obstacles.segment_clearance": (),
+    "problem.obstacles.distances": ("obstacles",),
     "cost.base": (),
     "cost.penalty": (),
     "cost.terminal": (),
@@ -40,6 +41,7 @@ ARGUMENTS = {
     "cost.penalty": "x, surroundings",
     "problem.obstacles.clearance": "position",
     "problem.obstacles.segment_clearance": "start, end",
+    "problem.obstacles.distances": "position",
 }
 OPTIONAL = ("problem.prior_modes", "problem.prior_weights")
 
@@ -51,6 +53,8 @@ def member_names(problem: Problem) -> list[str]:
         absent.append("problem.obstacles.clearance")
     if not isinstance(problem.obstacles, ClosedFormClearance):
         absent.append("problem.obstacles.segment_clearance")
+    if not isinstance(problem.obstacles, ObstacleDistances):
+        absent.append("problem.obstacles.distances")
     return [name for name in SHAPES if name not in absent]
 
 
@@ -121,6 +125,8 @@ def member_value(name: str, problem: Problem, x: Array) -> Any:
     if isinstance(problem.obstacles, ClosedFormClearance) and name.endswith("segment_clearance"):
         position = problem.position_of(x)
         return problem.obstacles.segment_clearance(position, position)
+    if isinstance(problem.obstacles, ObstacleDistances) and name.endswith("distances"):
+        return problem.obstacles.distances(problem.position_of(x))
     member = getattr(owner_of(problem, name), name.rpartition(".")[2])
     if name.startswith("problem.") or name == "cost.goal":
         return jnp.asarray(member)

@@ -25,7 +25,12 @@ DEFINITE = 1e-12  # least eigenvalue of R, relative to the largest
 
 Shape = tuple[int, ...]
 
-MAY_BE_INFINITE = ("problem.obstacles.clearance", "problem.obstacles.segment_clearance")
+MAY_BE_INFINITE = (
+    "problem.obstacles.clearance",
+    "problem.obstacles.segment_clearance",
+    "problem.obstacles.distances",
+)
+MAY_BE_EMPTY = ("system.H", "problem.obstacles.distances")
 
 
 def check_numbers(parts: Any, precision: str) -> None:
@@ -88,7 +93,7 @@ def _check_functions(structure: Any, shapes: tuple[Shape, ...], precision: str) 
             raise ConfigError(
                 f"{name} has shape {shape}, must be {expected} for a state of shape ({nx},)"
             )
-        if 0 in expected and name != "system.H":
+        if 0 in expected and name not in MAY_BE_EMPTY:
             raise ConfigError(f"{name} is empty")
 
 

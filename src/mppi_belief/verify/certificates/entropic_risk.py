@@ -56,7 +56,7 @@ def certify(seed: int = 0) -> Certificate:
 
 def _risk_text(penalty: RiskExpansion, law: PlaneLaw) -> str:
     w_obs = cost_numbers()["w_obs"]
-    width = cost_numbers()["bump_width"]
+    width = cost_numbers()["obstacle_penalty"]["width"]
     expected, *_ = law.cumulants()
     return (
         "The package's q_RS agrees with the entropic risk ρ to second order in θ, for quadratic "

@@ -23,6 +23,7 @@ from scipy.linalg import expm
 from ...belief.schedule import diffusion_factors, gain_schedule
 from ...controllers import MPPI
 from ...costs import GoalObstacleCost
+from ...costs.penalties import Bump
 from ...obstacles import Obstacles
 from ...planning import path_integral as pi
 from ...problem import Belief, Problem
@@ -71,7 +72,7 @@ def moving_problem() -> Problem:
         terminal_weight=jnp.array([2.0, 2.0, 0.5, 0.3]),
         control_weight=jnp.array([0.5, 0.4]),
         w_obs=8.0,
-        bump_width=0.5,
+        obstacle_penalty=Bump(0.5),
     )
     return Problem(
         LightDark(process_noise=0.3, light=5.0, noise_slope=0.25, noise_floor=0.1),
@@ -173,7 +174,8 @@ def risk_by_hand(problem: Problem, mu: np.ndarray, cov: np.ndarray) -> np.ndarra
         np.sum((points - np.asarray(centre)[:, None, None]) ** 2, axis=0)
         for centre in obstacles.centers
     ]
-    bumps = cost.w_obs * sum(np.exp(-square / (2 * cost.bump_width**2)) for square in squares)
+    width = cost.obstacle_penalty.width
+    bumps = cost.w_obs * sum(np.exp(-square / (2 * width**2)) for square in squares)
     mean = bumps @ weights
     variance = (bumps - mean[:, None]) ** 2 @ weights
 

@@ -19,6 +19,7 @@ from scipy.interpolate import RectBivariateSpline
 
 from ...belief.cost import expected_terminal, risk_sensitive
 from ...costs import GoalObstacleCost
+from ...costs.penalties import Bump
 from ...obstacles import Obstacles
 from ...problem import Problem
 from ...structs import number, struct
@@ -67,7 +68,7 @@ LogPsi = list[RectBivariateSpline]  # log Psi over (mu, log Sigma) at steps 1..H
 def lit_problem(steps: int) -> Problem:
     """Returns the scalar problem in `steps` steps."""
     unit = jnp.ones(1)
-    cost = GoalObstacleCost(0 * unit, unit, 2 * unit, unit, w_obs=1.5, bump_width=0.5)
+    cost = GoalObstacleCost(0 * unit, unit, 2 * unit, unit, w_obs=1.5, obstacle_penalty=Bump(0.5))
     return Problem(
         LIT_LINE,
         cost,

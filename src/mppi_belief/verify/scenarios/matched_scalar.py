@@ -18,6 +18,7 @@ from jax import Array
 from ...belief.cost import expected_terminal, risk_sensitive
 from ...belief.schedule import diffusion_factors, gain_schedule
 from ...costs import GoalObstacleCost
+from ...costs.penalties import Bump
 from ...matching.weights import matched_weight, residual
 from ...obstacles import Obstacles
 from ...problem import Belief, Problem
@@ -81,7 +82,7 @@ def matched_problem(
         terminal_weight=jnp.array([0.9]),
         control_weight=jnp.array([R]),
         w_obs=w_obs,
-        bump_width=0.3,
+        obstacle_penalty=Bump(0.3),
     )
     problem = Problem(
         system,

@@ -145,5 +145,5 @@ def risk_lower_bound(theta: float) -> float:
     square = np.sum((belief_position() - obstacle_centers()[0]) ** 2)
     probability = ncx2.cdf((radii / BELIEF_STD) ** 2, 2, square / BELIEF_STD**2)
     numbers = cost_numbers()
-    value = numbers["w_obs"] * np.exp(-(radii**2) / (2 * numbers["bump_width"] ** 2))
+    value = numbers["w_obs"] * np.exp(-(radii**2) / (2 * numbers["obstacle_penalty"]["width"] ** 2))
     return float(np.max(value + np.log(probability) / theta))

@@ -17,6 +17,7 @@ from jax import Array
 
 from ...belief.cost import risk_sensitive, running_moments
 from ...costs import GoalObstacleCost
+from ...costs.penalties import Bump
 from ...obstacles import Obstacles
 from ...problem import Belief, Problem
 from ...systems import Linear
@@ -66,7 +67,8 @@ def position_problem(centers: Sequence[Sequence[float]] | None = None) -> Proble
     numbers = cost_numbers()
     weight = jnp.asarray(numbers["running_weight"][:2])
     goal = jnp.asarray(numbers["goal"][:2])
-    cost = GoalObstacleCost(goal, weight, weight, weight, numbers["w_obs"], numbers["bump_width"])
+    bump = Bump(numbers["obstacle_penalty"]["width"])
+    cost = GoalObstacleCost(goal, weight, weight, weight, numbers["w_obs"], bump)
     radius = problem_numbers()["obstacles"]["radius"]
     centers = obstacle_centers() if centers is None else centers
     return resting_problem(cost, Obstacles(jnp.asarray(centers), radius))

@@ -1,0 +1,19 @@
+"""Penalties on obstacles, one shape per file."""
+
+from .bump import Bump
+from .hinge import Hinge
+from .indicator import Indicator
+from .protocols import CenterPenalty, ObstaclePenalty, SurfacePenalty
+from .smooth_step import SmoothStep
+from .squared_hinge import SquaredHinge
+
+__all__ = [
+    "Bump",
+    "CenterPenalty",
+    "Hinge",
+    "Indicator",
+    "ObstaclePenalty",
+    "SmoothStep",
+    "SquaredHinge",
+    "SurfacePenalty",
+]
