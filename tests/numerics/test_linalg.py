@@ -14,6 +14,8 @@ from mppi_belief.numerics import linalg
 
 PRECISIONS = {"float32": (nullcontext, np.float32), "float64": (float64, np.float64)}
 inverse = quick_jit(linalg.spd_inverse)
+largest_eigenvalue = quick_jit(linalg.largest_eigenvalue)
+largest_deviation = quick_jit(linalg.largest_deviation)
 precision = pytest.mark.parametrize("precision", PRECISIONS)
 
 
@@ -130,3 +132,44 @@ def test_batches_by_vmap_keep_the_sample_as_last_axis(x64, rng):
     x = rng.normal(size=(3, 7))
     computed = jax.vmap(lambda v: linalg.quadratic_form(M, v), in_axes=-1)(x)
     np.testing.assert_allclose(computed, np.einsum("in,ij,jn->n", x, M, x), rtol=1e-13)
+
+
+@precision
+@pytest.mark.parametrize("n", [1, 2, 3])
+@settings(max_examples=60, deadline=None, derandomize=True)
+@given(seed=st.integers(0, 2**32 - 1), exponent=st.integers(-24, 24))
+def test_largest_eigenvalue_and_deviation_at_any_scale(n, precision, seed, exponent):
+    context, dtype = PRECISIONS[precision]
+    rng = np.random.default_rng(seed)
+    M = random_spd(rng, n, 0.01, 2.0) * 10.0**exponent
+    with context():
+        M = np.tril(M).astype(dtype) + np.tril(M, -1).T.astype(dtype)
+        computed = [np.asarray(f(M)) for f in (largest_eigenvalue, largest_deviation)]
+    expected = np.linalg.eigvalsh(M.astype(np.float64))[-1]
+    np.testing.assert_allclose(computed[0], expected, rtol=8 * eps(dtype))
+    np.testing.assert_allclose(computed[1], np.sqrt(expected), rtol=8 * eps(dtype))
+
+
+def test_gradient_of_the_largest_eigenvalue_is_that_of_its_eigenvector(x64, rng):
+    M = random_spd(rng, 2, 0.1, 2.0)
+    v = np.linalg.eigh(M)[1][:, -1]
+    gradient = np.asarray(jax.grad(linalg.largest_eigenvalue)(M))
+    # Only the upper of the two entries off the diagonal is read.
+    np.testing.assert_allclose(gradient, [[v[0] ** 2, 2 * v[0] * v[1]], [0, v[1] ** 2]], rtol=1e-12)
+
+
+@pytest.mark.parametrize("variance", [1.0, 1e-30])
+def test_gradient_is_finite_where_both_eigenvalues_are_equal(variance):
+    M = variance * jnp.eye(2)
+    np.testing.assert_array_equal(jax.grad(linalg.largest_eigenvalue)(M), np.eye(2) / 2)
+    deviation, gradient = jax.value_and_grad(linalg.largest_deviation)(M)
+    np.testing.assert_allclose(deviation, np.sqrt(variance), rtol=1e-6)
+    np.testing.assert_allclose(gradient, np.eye(2) / 4 / np.sqrt(variance), rtol=1e-6)
+
+
+def test_what_is_certain_has_no_deviation_and_no_gradient():
+    deviation, gradient = jax.value_and_grad(linalg.largest_deviation)(jnp.zeros((2, 2)))
+    assert deviation == 0
+    np.testing.assert_array_equal(gradient, np.zeros((2, 2)))
+    rounded_below_zero = jnp.array([[-1e-12]])
+    assert linalg.largest_deviation(rounded_below_zero) == 0

@@ -13,6 +13,7 @@ busy machine).
 
 from collections.abc import Sequence
 
+import jax
 import jax.numpy as jnp
 from jax import Array
 
@@ -65,6 +66,39 @@ def log_det_spd(M: Array) -> Array:
     if M.shape[-1] == 2:
         return jnp.log(M[0, 0]) + jnp.log(_schur(M))
     return 2 * jnp.sum(jnp.log(jnp.diagonal(jnp.linalg.cholesky(M))))
+
+
+def largest_eigenvalue(M: Array) -> Array:
+    """Returns the largest eigenvalue () of a symmetric (n, n).
+
+    That of (2, 2) is (a + d) / 2 + hypot((a - d) / 2, b). Where both eigenvalues are equal, its
+    gradient is I / 2, the mean of those of all eigenvectors.
+    """
+    if M.shape[-1] == 1:
+        return M[0, 0]
+    if M.shape[-1] > 2:
+        return jnp.linalg.eigvalsh(symmetrise(M))[-1]
+    half_gap = (M[0, 0] - M[1, 1]) / 2
+    b = M[0, 1]
+
+    # Divided by the larger of the two, they can be squared however small they are.
+    scale = jax.lax.stop_gradient(jnp.maximum(jnp.abs(half_gap), jnp.abs(b)))
+    equal = scale == 0
+    scale = jnp.where(equal, 1.0, scale)
+    squares = (half_gap / scale) ** 2 + (b / scale) ** 2
+    radius = scale * jnp.sqrt(jnp.where(equal, 1.0, squares))
+    return (M[0, 0] + M[1, 1]) / 2 + jnp.where(equal, 0.0, radius)
+
+
+def largest_deviation(cov: Array) -> Array:
+    """Returns the standard deviation () in the direction where a Gaussian's is largest.
+
+    It is the root of the largest eigenvalue of the covariance (n, n). Its gradient is zero where
+    the covariance is zero.
+    """
+    variance = largest_eigenvalue(cov)
+    uncertain = variance > 0
+    return jnp.where(uncertain, jnp.sqrt(jnp.where(uncertain, variance, 1.0)), 0.0)
 
 
 def as_matrix(weight: Array) -> Array:
