@@ -81,6 +81,7 @@ if TYPE_CHECKING:  # the same names as below, for type checkers
     )
     from .planning.path_costs import (
         CertaintyEquivalent as CertaintyEquivalent,
+        ChanceConstrained as ChanceConstrained,
         RiskSensitive as RiskSensitive,
     )
     from .planning.samplers import (
@@ -198,7 +199,7 @@ _NAMES = {
         "Sampler",
         "Schedule",
     ],
-    "planning.path_costs": ["CertaintyEquivalent", "RiskSensitive"],
+    "planning.path_costs": ["CertaintyEquivalent", "ChanceConstrained", "RiskSensitive"],
     "planning.samplers": ["InnovationSampler", "LaplaceSampler", "NominalSampler"],
     "planning.schedules": ["PerPathCovariance", "SharedCovariance"],
     "belief.gaussian": ["MixtureBelief", "RootBelief"],

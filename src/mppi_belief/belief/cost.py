@@ -29,6 +29,14 @@ def running_moments(problem: Problem, mean: Array, cov: Array) -> CostMoments:
     return integrated_moments(problem, mean, cov)
 
 
+def expected_base(problem: Problem, mean: Array, cov: Array) -> Array:
+    """Returns E[base] () under N(mean, cov), as in `running_moments`, and integrates no other."""
+    if isinstance(problem.cost, ClosedFormCost):
+        return problem.cost.running_moments(mean, cov, problem.surroundings).base
+    name = f"cost.base of {type(problem.cost).__name__}"
+    return expected_value(integrand(problem.cost.base, mean, cov, name))
+
+
 def integrated_moments(problem: Problem, mean: Array, cov: Array) -> CostMoments:
     """Integrates the moments of the running cost under N(mean, cov), see `belief.integration`.
 

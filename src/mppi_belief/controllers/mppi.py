@@ -10,6 +10,7 @@ sampled path of the belief mean is known; the control is the weighted average of
 |---|---|---|---|
 | belief | `RiskSensitive` | `NominalSampler` | `SharedCovariance` |
 | ce, oracle | `CertaintyEquivalent` | `NominalSampler` | `SharedCovariance` |
+| chance | `ChanceConstrained` | `NominalSampler` | `SharedCovariance` |
 | algorithm_1 | `RiskSensitive` | `InnovationSampler` | `SharedCovariance` |
 | belief_joint | `RiskSensitive` | `NominalSampler` | `PerPathCovariance` |
 """

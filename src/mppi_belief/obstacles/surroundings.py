@@ -38,6 +38,15 @@ class Surroundings(NamedTuple):
             return x[: len(self.components)]
         return jnp.stack([x[i] for i in self.components])
 
+    def position_cov(self, cov: Array) -> Array:
+        """Returns the covariance of the position: (nx, nx) -> (d, d)."""
+        if self.components is None:
+            return cov
+        if self.position_leads:
+            return cov[: len(self.components), : len(self.components)]
+        components = jnp.array(self.components)
+        return cov[components][:, components]
+
     def clearance(self, x: Array) -> Array:
         """Returns the distance from a state to the nearest surface: (nx,) -> ().
 

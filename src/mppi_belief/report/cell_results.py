@@ -20,6 +20,7 @@ METHOD_NAMES = {
     "belief": "MPPI-Belief",
     "belief_joint": "MPPI-Belief with a covariance per path",
     "ce": "CE-MPPI",
+    "chance": "Chance-constrained MPPI",
     "pipf": "PIPF",
     "ilqg": "EKF-iLQG",
     "algorithm_1": "Algorithm 1",

@@ -13,6 +13,7 @@ from jax import Array
 from ...belief.integration import covariance, expected_value, integrand, variance
 from ...numerics.linalg import minus, quadratic_form
 from ...obstacles import Surroundings, obstacle_distances
+from ...obstacles.enlarged import EnlargedObstacles
 from .protocols import CenterPenalty, ObstaclePenalty, SurfacePenalty
 
 
@@ -36,6 +37,8 @@ def penalty_sum(penalty: ObstaclePenalty, x: Array, surroundings: Surroundings) 
         if len(centers) == 0:
             return jnp.zeros_like(x[0])
         position = x if surroundings.position_leads else surroundings.position(x)
+        if isinstance(surroundings.obstacles, EnlargedObstacles):
+            centers = surroundings.obstacles.centers_towards(position[: centers.shape[-1]])
         return penalty.sum_about(position, centers)
     distances = obstacle_distances(surroundings.obstacles, surroundings.position(x))
     return jnp.sum(_profile(penalty)(distances))

@@ -1,6 +1,7 @@
 """What a planned belief costs, one file each."""
 
 from .certainty_equivalent import CertaintyEquivalent
+from .chance_constrained import ChanceConstrained
 from .risk_sensitive import RiskSensitive
 
-__all__ = ["CertaintyEquivalent", "RiskSensitive"]
+__all__ = ["CertaintyEquivalent", "ChanceConstrained", "RiskSensitive"]

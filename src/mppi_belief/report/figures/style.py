@@ -76,6 +76,7 @@ METHOD_LOOKS = {
     "pipf": Look(GREEN, "^", "-."),
     "ilqg": Look("#56B4E9", "D", (0, (1, 1))),
     "belief_joint": Look("#7B3294", "h", (0, (6, 1, 2, 1))),
+    "chance": Look("#A6761D", "p", (0, (4, 1, 1, 1))),
     "algorithm_1": Look("#E69F00", "v", (0, (5, 1))),
     "oracle": Look("#000000", "P", (0, (3, 1, 1, 1))),
     "lqg": Look("#999999", "X", (0, (4, 2))),
