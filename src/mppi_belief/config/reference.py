@@ -21,6 +21,7 @@ from .hydra_errors import config_error_line
 from .settings import Settings
 from .yaml_files import read_yaml
 
+OVERRIDE = "override /"  # before the group whose option a defaults list replaces
 GLOBAL_PACKAGE = "# @package _global_"  # first line of a file whose keys are those of the top level
 
 
@@ -33,10 +34,11 @@ def reference(group: str, option: str) -> dict[str, Any]:
     """
     options = _default_options() | {group: option}
     options = _options_of("system", options["system"]) | options
+    parts = _overrides_of("system", options["system"])
     settings = OmegaConf.create(_top_level())
     for chosen_group, chosen_option in options.items():
-        settings.merge_with(_content(chosen_group, chosen_option))
-    content = _content(group, option)
+        settings.merge_with(_content(chosen_group, chosen_option, parts))
+    content = _content(group, option, parts)
     values = {key: _to_plain(settings[key]) for key in content}
     return values if _is_global(group, option) else values[group]
 
@@ -77,17 +79,20 @@ def _default_options() -> dict[str, str]:
     return _options_in(_read(conf_dir() / "config.yaml"))
 
 
-def _content(group: str, option: str) -> dict[str, Any]:
+def _content(group: str, option: str, parts: dict[str, str]) -> dict[str, Any]:
     """Returns what a file sets, by keys of the top level; includes the file of its group that it
     builds on, if any.
+
+    `parts` are options of nested groups that replace those of the file's own defaults list.
     """
     own = _load(group, option)
     content = OmegaConf.create()
     for entry in own.get("defaults", []):
         if isinstance(entry, str) and entry != "_self_":
-            content.merge_with(_content(group, entry))
+            content.merge_with(_content(group, entry, parts))
     for name, part in _parts_in(own).items():
-        content.merge_with(_content(f"{group}/{name}", part))
+        nested = f"{group}/{name}"
+        content.merge_with(_content(nested, parts.get(nested, part), parts))
     settings = _settings_in(own)
     content.merge_with(settings if _is_global(group, option) else _nested(group, settings))
     return _unresolved(content)
@@ -95,12 +100,36 @@ def _content(group: str, option: str) -> dict[str, Any]:
 
 def _options_of(group: str, option: str) -> dict[str, str]:
     """Returns the options of groups that a file chooses, or the files of its group below it."""
-    own = _load(group, option)
     options: dict[str, str] = {}
+    for own in _files_of(group, option):
+        options |= _options_in(own)
+    return options
+
+
+def _overrides_of(group: str, option: str) -> dict[str, str]:
+    """Returns the options of nested groups that a file, or one below it, chooses in place of
+    others: `- override /cost/obstacle_penalty: bump`.
+    """
+    overrides: dict[str, str] = {}
+    for own in _files_of(group, option):
+        for entry in own.get("defaults", []):
+            if isinstance(entry, dict):
+                overrides |= {
+                    name.removeprefix(OVERRIDE): part
+                    for name, part in entry.items()
+                    if name.startswith(OVERRIDE)
+                }
+    return overrides
+
+
+def _files_of(group: str, option: str) -> list[dict[str, Any]]:
+    """Returns the content of a file after those of the files of its group that it builds on."""
+    own = _load(group, option)
+    files: list[dict[str, Any]] = []
     for entry in own.get("defaults", []):
         if isinstance(entry, str) and entry != "_self_":
-            options |= _options_of(group, entry)
-    return options | _options_in(own)
+            files += _files_of(group, entry)
+    return [*files, own]
 
 
 def _options_in(content: dict[str, Any]) -> dict[str, str]:
