@@ -9,12 +9,11 @@ from jax import Array
 import mppi_belief as mb
 from helpers import plain_problem, quick_jit, random_spd
 from mppi_belief.belief import cost as belief_cost
+from mppi_belief.belief.moment_rules import MomentRules
 from mppi_belief.problem import ClosedFormCost, Cost
 
 MEAN = np.array([2.5, 0.6, 0.3, -0.2])
-risk_sensitive = quick_jit(
-    belief_cost.risk_sensitive, static_argnames=("variance_of", "expectation")
-)
+risk_sensitive = quick_jit(belief_cost.risk_sensitive, static_argnames=("variance_of", "rules"))
 running_moments = quick_jit(belief_cost.running_moments)
 
 
@@ -133,7 +132,7 @@ def test_the_penalty_expected_at_the_mean_is_its_value_there_and_nothing_else_ch
     for theta in (0.0, 0.5, 5.0):
         exact, default, at_mean = (
             risk_sensitive(light_dark, MEAN, cov, theta, variance_of=risk, **given)
-            for given in ({"expectation": "exact"}, {}, {"expectation": "at_mean"})
+            for given in ({"rules": MomentRules("exact")}, {}, {"rules": MomentRules("at_mean")})
         )
         assert exact == default
         np.testing.assert_allclose(exact, m.base + m.penalty + theta / 2 * variance, rtol=1e-12)
@@ -150,11 +149,7 @@ def test_without_risk_aversion_paths_differ_by_their_cost_at_the_mean(light_dark
     def along(expectation: str) -> np.ndarray:
         totals = [
             sum(
-                float(
-                    risk_sensitive(
-                        light_dark, x, cov, 0.0, variance_of="penalty", expectation=expectation
-                    )
-                )
+                float(risk_sensitive(light_dark, x, cov, 0.0, rules=MomentRules(expectation)))
                 for x, cov in steps
             )
             for steps in (zip(path, covs, strict=True) for path in paths)

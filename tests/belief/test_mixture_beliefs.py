@@ -18,6 +18,7 @@ from linear_system import random_problem
 from mppi_belief.belief import cost as belief_cost
 from mppi_belief.belief.gaussian import MixtureBelief, RootBelief
 from mppi_belief.belief.kalman import correct
+from mppi_belief.belief.moment_rules import MomentRules
 from mppi_belief.belief.prior import prior, prior_mixture, sample_prior
 from mppi_belief.belief.schedule import GainSchedule
 from mppi_belief.errors import ConfigError
@@ -35,11 +36,9 @@ SMALL = mb.MPPI(16, 5, 30.0, mb.RiskSensitive(THETA), mb.NominalSampler(control_
 mixture_moments = quick_jit(belief_cost.mixture_moments)
 mixture_terminal = quick_jit(belief_cost.mixture_terminal)
 mixture_risk_sensitive = quick_jit(
-    belief_cost.mixture_risk_sensitive, static_argnames=("variance_of", "expectation")
+    belief_cost.mixture_risk_sensitive, static_argnames=("variance_of", "rules")
 )
-risk_sensitive = quick_jit(
-    belief_cost.risk_sensitive, static_argnames=("variance_of", "expectation")
-)
+risk_sensitive = quick_jit(belief_cost.risk_sensitive, static_argnames=("variance_of", "rules"))
 
 
 @quick_jit
@@ -73,9 +72,7 @@ def covs_of(belief: MixtureBelief) -> Array:
 def charged(problem: mb.Problem, means: Any, covs: Any) -> Array:
     """q_RS of the mixture at one instant."""
     components = (WEIGHTS, jnp.stack(means), jnp.stack(covs))
-    return mixture_risk_sensitive(
-        problem, *components, THETA, variance_of="penalty", expectation="exact"
-    )
+    return mixture_risk_sensitive(problem, *components, THETA)
 
 
 def test_moments_are_those_of_the_whole(x64, rng):
@@ -221,19 +218,22 @@ def test_expectation_variance_and_covariance_agree_with_monte_carlo(light_dark, 
 
 
 @pytest.mark.parametrize(
-    ("variance_of", "expectation"), [("penalty", "exact"), ("total", "at_mean")]
+    ("variance_of", "rules"),
+    [
+        ("penalty", MomentRules()),
+        ("total", MomentRules("at_mean")),
+        ("total", MomentRules("exact", "sigma_points")),
+        ("penalty", MomentRules("delta", "delta")),
+        ("penalty", MomentRules("at_mean", "at_mean")),
+    ],
 )
-def test_equal_components_cost_what_one_does(variance_of, expectation, light_dark, x64, rng):
+def test_equal_components_cost_what_one_does(variance_of, rules, light_dark, x64, rng):
     belief = mixture(rng)
     mean = belief.means[0]
     cov = covs_of(belief)[0]
     twice = (WEIGHTS, jnp.stack([mean] * 2), jnp.stack([cov] * 2), 0.7)
-    expected = risk_sensitive(
-        light_dark, mean, cov, 0.7, variance_of=variance_of, expectation=expectation
-    )
-    computed = mixture_risk_sensitive(
-        light_dark, *twice, variance_of=variance_of, expectation=expectation
-    )
+    expected = risk_sensitive(light_dark, mean, cov, 0.7, variance_of=variance_of, rules=rules)
+    computed = mixture_risk_sensitive(light_dark, *twice, variance_of=variance_of, rules=rules)
     np.testing.assert_allclose(computed, expected, rtol=1e-12)
 
 

@@ -6,6 +6,7 @@ from typing import Any
 import pytest
 
 from experiment_helpers import compiled_quickly
+from mppi_belief.errors import FieldError
 from mppi_belief.trial import check, run_trials
 
 FLAT = "it counts as flat there; write a distance |x| as sqrt(|x|^2 + eps^2)"
@@ -61,6 +62,24 @@ def test_a_distance_is_named_where_it_is_differentiated_and_all_trials_run(contr
         f"cost.terminal has no finite derivatives at [0.0, 0.0]: {FLAT}",
     ]
     assert [row["status"] for row in run_trials(config, range(3)).rows] == ["ok"] * 3
+
+
+def test_a_path_cost_by_the_delta_rule_differentiates_the_cost():
+    path_cost = {"_target_": "mppi_belief.RiskSensitive", "theta": 1.0, "variance": "delta"}
+    notes = check(taxi(MPPI | {"path_cost": path_cost}))
+    assert f"cost.base has no finite derivatives at [0.0, 0.0]: {FLAT}" in notes
+    assert check(taxi(MPPI | {"path_cost": path_cost | {"variance": "sigma_points"}})) == []
+
+
+def test_sigma_points_with_a_negative_weight_are_refused_before_any_trial():
+    path_cost = {"_target_": "mppi_belief.RiskSensitive", "variance": "sigma_points"}
+    close = path_cost | {"variance_of": "total", "sigma_point_spread": 1.5}
+    with pytest.raises(FieldError) as refused:
+        check(taxi(MPPI | {"path_cost": close}))
+    assert str(refused.value) == (
+        "controller.path_cost.sigma_point_spread must be at least 2, the number of components of "
+        "the state that the function depends on, got 1.5"
+    )
 
 
 def test_nothing_is_said_where_the_distance_is_rounded_off_or_not_differentiated():

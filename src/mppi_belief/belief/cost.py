@@ -10,12 +10,25 @@ E[q] = sum_i w_i E_i,    Var[q] = sum_i w_i (Var_i + (E_i - E[q])^2)
 Symbols: nx states, m components of a mixture.
 """
 
+from typing import NamedTuple
+
 import jax.numpy as jnp
 from jax import Array
 
 from ..numerics.linalg import dot
 from ..problem import ClosedFormCost, CostMoments, Problem
-from .integration import covariance, expected_value, integrand, variance
+from .integration import StateFunction, covariance, expected_value, integrand, variance
+from .moment_rules import MomentRules, RuleMoments, moments_by_rule
+
+EXACT = MomentRules()
+
+
+class ChargedMoments(NamedTuple):
+    """Holds the moments of the running cost under a Gaussian, each by its own rule."""
+
+    base: Array  # (), expectation of base, exact
+    penalty: Array  # (), expectation of the penalty
+    by_variance_rule: RuleMoments  # of what the variance is taken of: the penalty, or all of q
 
 
 def running_moments(problem: Problem, mean: Array, cov: Array) -> CostMoments:
@@ -61,7 +74,7 @@ def risk_sensitive(
     cov: Array,
     theta: Array | float,
     variance_of: str = "penalty",
-    expectation: str = "exact",
+    rules: MomentRules = EXACT,
 ) -> Array:
     """Returns q_RS () of a Gaussian belief with mean (nx,) and covariance (nx, nx).
 
@@ -71,13 +84,45 @@ def risk_sensitive(
         cov: (nx, nx)
         theta: risk aversion
         variance_of: "penalty" takes the variance of the obstacle penalty, "total" that of all of q
-        expectation: "exact" expects the penalty as in (3); "at_mean" takes its value at the mean,
-            with which theta = 0 is the certainty-equivalent planner (the base cost's expectation
-            exceeds base(mean) by the same amount for all paths)
+        rules: of the penalty's expectation and of the variance; base is always expected as in (3)
     """
-    moments = running_moments(problem, mean, cov)
-    penalty = moments.penalty if expectation == "exact" else problem.penalty(mean)
-    return moments.base + penalty + 0.5 * theta * _variance(moments, variance_of)
+    charged = charged_moments(problem, mean, cov, variance_of, rules)
+    return charged.base + charged.penalty + 0.5 * theta * charged.by_variance_rule.variance
+
+
+def charged_moments(
+    problem: Problem, mean: Array, cov: Array, variance_of: str, rules: MomentRules
+) -> ChargedMoments:
+    """Returns the moments of which `risk_sensitive` is made, each by its own rule."""
+    if "exact" in (rules.expectation, rules.variance):
+        exact = running_moments(problem, mean, cov)
+        base = exact.base
+    else:
+        base = expected_base(problem, mean, cov)
+
+    # The expectation of the penalty.
+    spread = rules.sigma_point_spread
+    if rules.expectation == "exact":
+        penalty = exact.penalty
+    else:
+        by_rule = moments_by_rule(problem.penalty, mean, cov, rules.expectation, spread)
+        penalty = by_rule.expectation
+
+    # The variance, with the expectation that its rule takes it about.
+    if rules.variance == "exact":
+        about = exact.penalty if variance_of == "penalty" else exact.base + exact.penalty
+        by_variance_rule = RuleMoments(about, _variance(exact, variance_of))
+    else:
+        function = varying_cost(problem, variance_of)
+        by_variance_rule = moments_by_rule(function, mean, cov, rules.variance, spread)
+    return ChargedMoments(base, penalty, by_variance_rule)
+
+
+def varying_cost(problem: Problem, variance_of: str) -> StateFunction:
+    """Returns the function whose variance is charged: the "penalty", or the "total" q."""
+    if variance_of == "penalty":
+        return problem.penalty
+    return lambda x: problem.cost.base(x) + problem.penalty(x)
 
 
 def _variance(moments: CostMoments, variance_of: str) -> Array:
@@ -120,18 +165,35 @@ def mixture_risk_sensitive(
     covs: Array,
     theta: Array | float,
     variance_of: str = "penalty",
-    expectation: str = "exact",
+    rules: MomentRules = EXACT,
 ) -> Array:
     """Returns q_RS () of a mixture with weights (m,), means (m, nx) and covariances (m, nx, nx).
 
-    The other arguments are those of `risk_sensitive`; "at_mean" takes the mean of the penalties at
-    the components' means.
+    The other arguments are those of `risk_sensitive`. Rules are for each component; the variance of
+    the mixture is that within the components and that of their expectations, by the same rule.
     """
-    moments = mixture_moments(problem, weights, means, covs)
-    penalty = moments.penalty
-    if expectation != "exact":
-        penalty = dot(weights, [problem.penalty(mean) for mean in means])
-    return moments.base + penalty + 0.5 * theta * _variance(moments, variance_of)
+    if rules.variance == "exact":
+        moments = mixture_moments(problem, weights, means, covs)
+        penalty = moments.penalty
+        if rules.expectation != "exact":
+            spread = rules.sigma_point_spread
+            by_rule = [
+                moments_by_rule(problem.penalty, mean, cov, rules.expectation, spread)
+                for mean, cov in zip(means, covs, strict=True)
+            ]
+            penalty = dot(weights, [each.expectation for each in by_rule])
+        return moments.base + penalty + 0.5 * theta * _variance(moments, variance_of)
+
+    components = [
+        charged_moments(problem, mean, cov, variance_of, rules)
+        for mean, cov in zip(means, covs, strict=True)
+    ]
+    base = dot(weights, [c.base for c in components])
+    penalty = dot(weights, [c.penalty for c in components])
+    varying = [c.by_variance_rule for c in components]
+    about = dot(weights, [v.expectation for v in varying])
+    variance = dot(weights, [v.variance + (v.expectation - about) ** 2 for v in varying])
+    return base + penalty + 0.5 * theta * variance
 
 
 def certainty_equivalent(problem: Problem, mean: Array) -> Array:

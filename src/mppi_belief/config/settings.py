@@ -46,6 +46,8 @@ class Planner:
     at_step_end: bool = MISSING
     variance_of: str = MISSING
     expectation: str = MISSING
+    variance: str = MISSING
+    sigma_point_spread: float = MISSING
 
 
 @dataclass

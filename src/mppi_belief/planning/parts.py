@@ -159,6 +159,14 @@ class SampledPaths(Protocol):
 
 
 @runtime_checkable
+class ChecksFit(Protocol):
+    """Marks a controller or a part of one that does not go with every problem."""
+
+    def check_fit(self, problem: Problem) -> None:
+        """Raises `ValueError`, which begins with the name of a field, where it does not fit."""
+
+
+@runtime_checkable
 class ExpandsCost(Protocol):
     """Marks a controller or a part of one that differentiates the cost."""
 

@@ -12,6 +12,7 @@ from ..belief.integration import ManyNodesWarning
 from ..config.targets import locate
 from ..errors import ConfigError, FieldError, unknown_key
 from ..numerics.jax_settings import pin_jax_settings
+from ..planning.parts import ChecksFit
 from ..problem import Controller, Filter, Problem
 from ..simulate import simulate_trial
 from ..structs import is_struct
@@ -56,6 +57,7 @@ def check(config: dict[str, Any]) -> list[str]:
     with jax.enable_x64(precision == "float64"):
         check_numbers(parts, precision)
         check_problem(parts.problem, precision)
+        _check_fit(parts.problem, parts.controller)
         leaves, structure = jax.tree.flatten(parts)
         slow = _check_trial(structure, tuple(np.shape(leaf) for leaf in leaves), precision)
         states = checked_states(parts.problem).astype(precision)
@@ -96,6 +98,19 @@ def _make(node: Any, path: str, parts: dict[str, Any] | None = None) -> Any:
         if key in known:
             raise FieldError(key, message.removeprefix(key)) from error
         raise ConfigError(message) from error
+
+
+def _check_fit(problem: Problem, controller: Controller) -> None:
+    """Raises `ConfigError` where the controller or one of its parts does not fit the problem."""
+    parts = {"controller": controller}
+    parts |= {f"controller.{name}": part for name, part in vars(controller).items()}
+    for path, part in parts.items():
+        if isinstance(part, ChecksFit):
+            try:
+                part.check_fit(problem)
+            except ValueError as error:
+                key, _, reason = str(error).partition(" ")
+                raise FieldError(f"{path}.{key}", f" {reason}") from error
 
 
 @functools.cache
