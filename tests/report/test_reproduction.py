@@ -6,9 +6,8 @@ from collections.abc import Sequence
 
 import pytest
 
-from mppi_belief.report.agreement import FITTED, HELD_OUT, ComparedNumber, compare_numbers
+from mppi_belief.report.agreement import AGREEMENT, FITTED, HELD_OUT, ComparedNumber, compare_numbers
 from mppi_belief.report.cell_results import CellResults
-from mppi_belief.report.sections import reproduction
 from mppi_belief.report.sections.reproduction import (
     compared_frame,
     multiplicity_verdict,
@@ -317,4 +316,4 @@ def test_a_weight_outside_the_papers_range_is_not_compared():
 
 
 def test_agreement_is_within_two_standard_errors():
-    assert reproduction.AGREEMENT == 2
+    assert AGREEMENT == 2

@@ -13,6 +13,7 @@ from .summary import TrialSummary, summarise_trials
 
 FITTED = "fitted"  # numbers to which the calibration was fitted
 HELD_OUT = "held out"  # predictions
+AGREEMENT = 2.0  # standard errors within which two numbers count as agreeing
 
 
 class ComparedNumber(NamedTuple):

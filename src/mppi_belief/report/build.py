@@ -3,7 +3,7 @@
 import itertools
 import shlex
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -19,7 +19,13 @@ from .origin import trial_provenance, trial_warnings
 from .page import Page, render
 from .paper_settings import Configuration, table_1_departures
 from .reported_study import ReportedStudy
-from .sections import FURTHER_STUDIES, PAPER_STUDIES, own_sections, study_sections
+from .sections import (
+    FURTHER_STUDIES,
+    PAPER_STUDIES,
+    SUPPLEMENTS,
+    own_sections,
+    study_sections,
+)
 from .sections.own_study import OwnStudy
 from .sections.table_1 import table_1_frame
 from .sections.theory import theory_provenance, theory_sections, theory_warnings
@@ -27,7 +33,8 @@ from .summary import BUSY_NOTE
 
 INDEX_HTML = "index.html"
 STUDIES = tuple(PAPER_STUDIES)  # of a report that is not asked for others
-SECTIONS = (*PAPER_STUDIES, *FURTHER_STUDIES)  # studies whose sections say what they show
+SUPPLEMENTARY = tuple(SUPPLEMENTS)  # of such a report, where they have results
+SECTIONS = (*PAPER_STUDIES, *FURTHER_STUDIES, *SUPPLEMENTS)  # studies whose sections say what they show
 
 
 def report_studies(
@@ -35,16 +42,23 @@ def report_studies(
     table_1: Sequence[Configuration],
     verify_dir: Path | None,
     folder: Path,
+    supplements: Collection[str] = (),
 ) -> bool:
     """Writes the report of some studies into `folder`; returns whether it is complete.
 
     Reads the results of the studies' cells and, unless `verify_dir` is None, the certificates.
     `table_1` are the configurations of the paper's Table I; numbers of the paper are shown beside
     cells with their settings only. Prints tables, warnings, and for whatever is missing the command
-    that runs it; to stderr an example of each kind of failed trial.
+    that runs it; to stderr an example of each kind of failed trial. Of the studies that
+    `supplements` names it shows those that have results, and misses none.
     """
     warnings: dict[str, None] = {}  # cells that two studies share warn once
     results = [_read_study(study, table_1, warnings.setdefault) for study in studies]
+    results = [
+        study
+        for study in results
+        if study.study.name not in supplements or any(len(cell.rows) for cell in study.cells)
+    ]
     certificates = [] if verify_dir is None else load_certificates(verify_dir)
     page = write_report(results, certificates, folder, list(warnings))
 
@@ -55,7 +69,7 @@ def report_studies(
         print(BUSY_NOTE)
     for kind in itertools.chain.from_iterable(map(failure_kinds, cells)):
         print(kind.line, file=sys.stderr)
-    missing = missing_lines(results)
+    missing = missing_lines([study for study in results if study.study.name not in supplements])
     if verify_dir is not None and len(certificates) < len(CERTIFICATE_NAMES):
         missing.append(_missing_certificates(len(certificates), studies[0].overrides))
     for line in [*warnings, *theory_warnings(certificates), *missing]:
@@ -117,7 +131,7 @@ def write_report(
         for results in studies
         if results.study.is_own
     ]
-    heading = page_heading([results.study for results in studies], set(PAPER_STUDIES))
+    heading = page_heading([results.study for results in studies], {*PAPER_STUDIES, *SUPPLEMENTS})
     page = Page(
         title=heading.title,
         lead=heading.lead,

@@ -1,4 +1,4 @@
-"""Judges the paper's conclusions on collision rates, and says on which cells they were tested.
+"""Judges statements on collision rates, and says on which cells they were tested.
 
 A claim on "every" cell holds only once every one of these cells has as many trials as in the paper.
 Until then it waits, and names what it needs. The rates are those observed, as in the paper; their
@@ -25,11 +25,17 @@ class Claim(NamedTuple):
     holds: Callable[[float], bool]  # whether a rate agrees with the statement
 
 
+class Judgement(NamedTuple):
+    """Holds on which cells a claim was tested, and where it fails."""
+
+    tested: list[CellResults]  # cells with as many finished trials as the paper
+    failing: list[CellResults]  # those of them whose rate contradicts the claim
+    needed: dict[str, list[float]]  # by name of the method, the weights without such a cell
+
+
 def paper_claims() -> list[Claim]:
     """Returns the conclusions that the paper draws from Fig. 2."""
     every = published.FIG_2_WEIGHTS
-    start = min(start for start, rate in published.BELIEF_BELOW.items() if rate > 0)
-    below = published.BELIEF_BELOW[start]
     return [
         Claim(
             f"Every baseline collides in more than {100 * UNSAFE_RATE:g} % of its trials at every "
@@ -44,14 +50,44 @@ def paper_claims() -> list[Claim]:
             every,
             lambda rate: rate > 0,
         ),
-        Claim(
-            f"MPPI-Belief collides in less than {100 * below:g} % of its trials from "
-            f"w_obs = {start:g} on",
-            ("belief",),
-            tuple(weight for weight in every if weight >= start),
-            lambda rate: rate < below,
-        ),
+        belief_below_claim(),
     ]
+
+
+def belief_below_claim() -> Claim:
+    """Returns the claim that MPPI-Belief hardly collides from some obstacle weight on."""
+    start = min(start for start, rate in published.BELIEF_BELOW.items() if rate > 0)
+    below = published.BELIEF_BELOW[start]
+    return Claim(
+        f"MPPI-Belief collides in less than {100 * below:g} % of its trials from "
+        f"w_obs = {start:g} on",
+        ("belief",),
+        tuple(weight for weight in published.FIG_2_WEIGHTS if weight >= start),
+        lambda rate: rate < below,
+    )
+
+
+def belief_free_claim() -> Claim:
+    """Returns the claim that MPPI-Belief never collides from some obstacle weight on."""
+    start = min(start for start, rate in published.BELIEF_BELOW.items() if rate == 0)
+    return Claim(
+        f"MPPI-Belief collides in no trial from w_obs = {start:g} on",
+        ("belief",),
+        tuple(weight for weight in published.FIG_2_WEIGHTS if weight >= start),
+        lambda rate: rate == 0,
+    )
+
+
+def baseline_range_claim() -> Claim:
+    """Returns the claim that every baseline keeps to the paper's range of collision rates."""
+    low, high = published.BASELINE_RANGE
+    return Claim(
+        f"Every baseline collides in {100 * low:g} to {100 * high:g} % of its trials at every "
+        "obstacle weight",
+        published.BASELINES,
+        published.FIG_2_WEIGHTS,
+        lambda rate: low <= rate <= high,
+    )
 
 
 def judged_claims(table_1: Sequence[CellResults], weights: Sequence[CellResults]) -> list[str]:
@@ -66,12 +102,12 @@ def judged_claims(table_1: Sequence[CellResults], weights: Sequence[CellResults]
     ]
     sentences = [_safety_of_belief(cell) for cell in table_1 if cell.method == "belief"]
     if table_1 or weights:
-        sentences += [judge(claim, weights) for claim in paper_claims()]
+        sentences += [judged(claim, weights) for claim in paper_claims()]
     return sentences
 
 
-def judge(claim: Claim, cells: Sequence[CellResults]) -> str:
-    """Says whether a claim holds, for which cells it fails, or what it needs to be tested."""
+def judge(claim: Claim, cells: Sequence[CellResults]) -> Judgement:
+    """Tests a claim on every cell that it speaks of and that has as many trials as the paper."""
     tested: list[CellResults] = []
     needed: dict[str, list[float]] = {}
     for method in claim.methods:
@@ -82,6 +118,12 @@ def judge(claim: Claim, cells: Sequence[CellResults]) -> str:
             else:
                 tested.append(cell)
     failing = [cell for cell in tested if not claim.holds(float(cell.collided.mean()))]
+    return Judgement(tested, failing, needed)
+
+
+def judged(claim: Claim, cells: Sequence[CellResults]) -> str:
+    """Says whether a claim holds, for which cells it fails, or what it needs to be tested."""
+    tested, failing, needed = judge(claim, cells)
     if failing:
         verdict = f"fails for {listed([_rate_text(cell) for cell in failing])}"
         verdict += f"; tested on {_tested_text(tested)}"

@@ -54,7 +54,7 @@ WEIGHT_KEY = "cost.w_obs"
 
 RESIDUAL = 0.79  # epsilon*, the optimised matching residual
 
-OPEN = {
+FITTED_SETTINGS = {
     "problem.prior_mean": "start (m, m/s)",
     "problem.prior_std": "initial uncertainty (m, m/s)",
     "problem.steps": "trial length",
@@ -63,6 +63,46 @@ OPEN = {
     "cost.terminal_weight": "terminal weight",
     "cost.control_weight": "R",
     "cost.obstacle_penalty.width": "width of the obstacle penalty (m)",
-    "cost.w_obs": "obstacle weight (1/s)",
+    "cost.obstacle_penalty.margin": "margin of the obstacle penalty (m)",
+    "cost.w_obs": "weight of the obstacle penalty",
     "controller.sampler.control_std": "spread of sampled controls (m/s^2)",
-}  # keys of the configuration whose values the paper does not give, with their meaning
+}  # keys of the configuration whose numbers the paper does not give, with their meaning
+
+BY_THE_SWEEPS = "with a look at the sweeps"
+BY_HAND = "by hand"
+
+
+class StructureChoice(NamedTuple):
+    """Holds what a choice of the structure is about, and how it was made."""
+
+    meaning: str
+    chosen: str  # `BY_THE_SWEEPS` or `BY_HAND`
+
+
+STRUCTURE = {
+    "cost.obstacle_penalty._target_": StructureChoice(
+        "shape of the obstacle penalty", BY_THE_SWEEPS
+    ),
+    "controller.path_cost.expectation": StructureChoice(
+        "how the expectation (3) of the penalty is taken", BY_THE_SWEEPS
+    ),
+    "controller.path_cost.variance": StructureChoice(
+        "how the variance of Remark 4 is taken", BY_THE_SWEEPS
+    ),
+    "controller.path_cost.sigma_point_spread": StructureChoice(
+        "spread c of the sigma points", BY_THE_SWEEPS
+    ),
+    "problem.initial_draw": StructureChoice(
+        "whether the true start or the filter's first mean is drawn", BY_THE_SWEEPS
+    ),
+    "controller.path_cost.variance_of": StructureChoice(
+        "of what Remark 4 takes the variance", BY_HAND
+    ),
+    "controller.path_cost.at_step_end": StructureChoice(
+        "whether a step is charged at its end", BY_HAND
+    ),
+    "problem.noise_convention": StructureChoice("meaning of sigma_o", BY_HAND),
+    "filter.noise_at": StructureChoice(
+        "where the particle filter takes the measurement noise", BY_HAND
+    ),
+}  # keys of the configuration that the paper leaves open and that are no fitted number

@@ -22,7 +22,9 @@ from .published_problems import platt_2010_section, van_den_berg_2012_section
 from .quality_per_time import quality_per_time_section
 from .reproduction import reproduction_sections
 from .residual_along_trial import residual_sections
+from .structures import structures_section
 from .table_1 import table_1_section
+from .table_1_long import table_1_long_section
 from .theta_sweep import theta_sweep_section
 from .two_lanes import two_lanes_section
 from .w_obs_sweep import w_obs_sweep_section
@@ -40,6 +42,12 @@ PAPER_STUDIES: dict[str, SectionBuilder] = {
     "quality_per_time": quality_per_time_section,
 }
 
+# The whole report shows these where they have results, and does not ask for them where they have none.
+SUPPLEMENTS: dict[str, Callable[[Studies, Path], Section]] = {
+    "table_1_long": table_1_long_section,
+    "table_1_bumps": structures_section,
+}
+
 FURTHER_STUDIES: dict[str, SectionBuilder] = {
     "information": information_section,
     "proposals": proposals_section,
@@ -52,9 +60,9 @@ FURTHER_STUDIES: dict[str, SectionBuilder] = {
 
 
 def study_sections(studies: Studies, folder: Path) -> list[Section]:
-    """Builds the sections of `PAPER_STUDIES` and `FURTHER_STUDIES` that have results.
+    """Builds the sections of `PAPER_STUDIES`, `FURTHER_STUDIES` and `SUPPLEMENTS` with results.
 
-    Writes their files into `folder`. The order is that of the two lists.
+    Writes their files into `folder`. The order is that of the three lists.
     """
     with_results = {
         name: cells for name, cells in studies.items() if any(len(cell.good) for cell in cells)
@@ -65,6 +73,9 @@ def study_sections(studies: Studies, folder: Path) -> list[Section]:
         for name, builder in builders.items()
         if name in with_results
     ]
+    sections.extend(
+        build(with_results, folder) for name, build in SUPPLEMENTS.items() if name in with_results
+    )
     sections.extend(residual_sections(with_results.get("table_1", []), folder))
     sections.extend(reproduction_sections(with_results, folder))
     return sections
