@@ -6,7 +6,13 @@ from collections.abc import Sequence
 
 import pytest
 
-from mppi_belief.report.agreement import AGREEMENT, FITTED, HELD_OUT, ComparedNumber, compare_numbers
+from mppi_belief.report.agreement import (
+    AGREEMENT,
+    FITTED,
+    HELD_OUT,
+    ComparedNumber,
+    compare_numbers,
+)
 from mppi_belief.report.cell_results import CellResults
 from mppi_belief.report.sections.reproduction import (
     compared_frame,

@@ -34,7 +34,11 @@ from .summary import BUSY_NOTE
 INDEX_HTML = "index.html"
 STUDIES = tuple(PAPER_STUDIES)  # of a report that is not asked for others
 SUPPLEMENTARY = tuple(SUPPLEMENTS)  # of such a report, where they have results
-SECTIONS = (*PAPER_STUDIES, *FURTHER_STUDIES, *SUPPLEMENTS)  # studies whose sections say what they show
+SECTIONS = (
+    *PAPER_STUDIES,
+    *FURTHER_STUDIES,
+    *SUPPLEMENTS,
+)  # studies whose sections say what they show
 
 
 def report_studies(

@@ -83,9 +83,7 @@ def _target(text: str, is_met: bool, number: str) -> Target:
     return Target(text, MET if is_met else NOT_MET, number)
 
 
-def _rate_target(
-    text: str, table_1: Sequence[CellResults], trials: int, highest: float
-) -> Target:
+def _rate_target(text: str, table_1: Sequence[CellResults], trials: int, highest: float) -> Target:
     """Evaluates the collision rate of MPPI-Belief in at least this many trials."""
     belief = by_method(table_1).get("belief", [])
     if not belief or len(belief[0].rows) < trials:
