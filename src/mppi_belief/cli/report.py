@@ -18,8 +18,10 @@ EXAMPLE = "mppi-belief report experiment=table_1"
 STUDY = "experiment="
 
 
-def parser(studies: Sequence[str] = ()) -> CommandParser:
-    """Returns the parser of this command; its help lists the studies of a whole report."""
+def parser(studies: Sequence[str] = (), supplements: Sequence[str] = ()) -> CommandParser:
+    """Returns the parser of this command; its help lists the studies of a whole report, and those
+    that it shows where they have results.
+    """
     return configuration_parser(
         "report",
         usage="mppi-belief report [experiment=NAME[,NAME...]] [KEY=VALUE ...] [-m] [OPTIONS]",
@@ -30,6 +32,7 @@ def parser(studies: Sequence[str] = ()) -> CommandParser:
             "  mppi-belief report -m controller=belief,ce w_obs=100,500,2500\n"
             "  mppi-belief report --config-dir examples/boat experiment=crossing\n\n"
             f"Without a name, a report has all of:\n{wrapped(studies)}\n"
+            f"where they have results also:\n{wrapped(supplements)}\n"
             "and the certificates that `mppi-belief verify` has left in verify_dir. Settings that\n"
             "change a cell make it a report of the sweep that `run` would run.\n"
             "Where results are missing, the report has the others and says how to run the rest."
@@ -61,7 +64,7 @@ def main(args: Sequence[str]) -> int:
 
     chosen, request = parse(args)
     if request.print_help:
-        print(parser(build.STUDIES).format_help(), end="")
+        print(parser(build.STUDIES, build.SUPPLEMENTARY).format_help(), end="")
         return exit_codes.DONE
     requests = study_requests(chosen, request)
     if wants_printing(request):
@@ -70,7 +73,13 @@ def main(args: Sequence[str]) -> int:
     is_whole = not chosen and SWEEP not in requests  # only the whole report has certificates
     verify_dir = Path(composed.settings["verify_dir"]) if is_whole else None
     folder = Path(composed.settings["report_dir"])
-    complete = build.report_studies(composed.studies, composed.table_1, verify_dir, folder)
+    complete = build.report_studies(
+        composed.studies,
+        composed.table_1,
+        verify_dir,
+        folder,
+        supplements=() if chosen else build.SUPPLEMENTARY,
+    )
     return exit_codes.DONE if complete else exit_codes.INCOMPLETE
 
 

@@ -43,7 +43,7 @@ def study_requests(chosen: Sequence[str], request: Request) -> dict[str, Request
         return {SWEEP: request}
     return {
         name: dataclasses.replace(request, overrides=(f"{STUDY}{name}", *request.overrides))
-        for name in chosen or build.STUDIES
+        for name in chosen or (*build.STUDIES, *build.SUPPLEMENTARY)
     }
 
 
@@ -54,7 +54,8 @@ def compose_studies(requests: dict[str, Request], request: Request) -> ReportedS
     """
     configs = {name: collect(study) for name, study in requests.items()}
     studies = [_reported_study(name, requests[name], request, configs[name]) for name in requests]
-    is_compared = any(study.name in build.STUDIES and not study.is_own for study in studies)
+    papers = (*build.STUDIES, *build.SUPPLEMENTARY)
+    is_compared = any(study.name in papers and not study.is_own for study in studies)
     table_1 = collect(Request(overrides=(f"{STUDY}table_1",))) if is_compared else []
     return ReportedStudies(studies, table_1, next(iter(configs.values()))[0])
 

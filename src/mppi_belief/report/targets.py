@@ -13,7 +13,6 @@ import pandas as pd
 from . import claims, published
 from .agreement import AGREEMENT, FITTED, ComparedNumber, compare_numbers
 from .cell_results import CellResults, Studies, by_method, paired_rows
-from .wording import listed
 
 MET = "met"
 NOT_MET = "not met"
@@ -173,6 +172,12 @@ def _claim_target(claim: claims.Claim, weights: Sequence[CellResults]) -> Target
     rates = [100 * float(cell.collided.mean()) for cell in tested]
     number = f"{min(rates):.1f} to {max(rates):.1f} %" if rates else "-"
     if failing:
-        names = listed([f"{cell.name} at {cell.labels['w_obs']:g}" for cell in failing])
-        return Target(claim.text, NOT_MET, f"{number}; not {names}")
+        names = [_weights_text(cells) for cells in by_method(failing).values()]
+        return Target(claim.text, NOT_MET, f"{number}; not {'; '.join(names)}")
     return Target(claim.text, NOT_TESTED if needed else MET, number)
+
+
+def _weights_text(cells: Sequence[CellResults]) -> str:
+    """Returns the name of a method and the weights of its cells."""
+    weights = ", ".join(f"{cell.labels['w_obs']:g}" for cell in cells)
+    return f"{cells[0].name} at {weights}"

@@ -42,7 +42,7 @@ PAPER_STUDIES: dict[str, SectionBuilder] = {
     "quality_per_time": quality_per_time_section,
 }
 
-# The whole report shows these where they have results, and does not ask for them where they have none.
+# The whole report shows these where they have results, and does not ask for them.
 SUPPLEMENTS: dict[str, Callable[[Studies, Path], Section]] = {
     "table_1_long": table_1_long_section,
     "table_1_bumps": structures_section,

@@ -11,20 +11,20 @@ from ..agreement import AGREEMENT, FITTED, HELD_OUT, ComparedNumber, compare_num
 from ..cell_results import Studies
 from ..claims import judged_claims
 from ..elements import write_page_table
-from ..page import Section
 from ..open_settings import chosen_frame, fitted_frame
+from ..page import Section
 from ..statistics import two_sided_p
 from ..targets import evaluate_targets, targets_frame
 from ..wording import listed
 
 FAMILY_LEVEL = 0.05  # probability of an adjusted p-value below it among equal numbers
 THREE_GROUPS = (
-    "What the paper leaves open falls into three groups. The structure was chosen: the shape of the "
-    "penalty, the rules for its moments, the reading of the start with a look at the sweeps, the "
-    "rest by hand. The numbers of this structure were fitted to the costs, spreads and collision "
-    "rates of Table I and to nothing else. The sweeps are held out: from the fit of the numbers, "
-    "but not from the choice of the structure. z is the difference in standard errors; both sides "
-    "are Monte Carlo estimates."
+    "What stands beside the paper's numbers falls into three groups. The structure was chosen: "
+    "the shape of the penalty, the rules for its moments and the reading of the start with a look "
+    "at the sweeps, the rest by hand. The numbers of this structure were fitted to the costs, "
+    "spreads and collision rates of Table I and to nothing else. The sweeps are held out: from the "
+    "fit of the numbers, but not from the choice of the structure. z is the difference in standard "
+    "errors; both sides are Monte Carlo estimates."
 )
 
 

@@ -41,9 +41,9 @@ def structures_section(studies: Studies, folder: Path) -> Section:
         ),
     ]
     text = (
-        f"`{STUDY}` has the structure of the first calibration: Gaussian bumps and the exact moments "
-        "of their penalty, with numbers of their own that were fitted to Table I in the same way. "
-        "Both columns are of trials that met the same noise."
+        f"`{STUDY}` has the structure of the first calibration, Gaussian bumps and the exact "
+        "moments of their penalty, with numbers of its own that were fitted to Table I in the same "
+        "way. All columns are of trials that met the same noise."
     )
     return Section("What the structure changes", [text], tables)
 
