@@ -24,7 +24,7 @@ import jax  # the environment must be set before JAX starts
 
 from document import write_between
 from environments import ROOT
-from mppi_belief.belief.prior import sample_prior
+from mppi_belief.belief.prior import draw_start
 from mppi_belief.config.compose import collect
 from mppi_belief.config.request import Request
 from mppi_belief.numerics.jax_settings import pin_jax_settings
@@ -166,7 +166,8 @@ def subject(row: Row) -> Callable[[int], None]:
         )
     )
     plant, filtering, planning = (role_key(0, 0, role) for role in (PLANT, FILTER, PLANNER))
-    x = sample_prior(parts.problem, jax.random.fold_in(plant, INITIAL_DRAW))
+    x, problem = draw_start(parts.problem, jax.random.fold_in(plant, INITIAL_DRAW))
+    parts = parts._replace(problem=problem)
     belief = parts.filter.init(parts.problem, jax.random.fold_in(filtering, INITIAL_DRAW))
     plan = parts.controller.init(parts.problem)
     arguments = []

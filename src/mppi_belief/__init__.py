@@ -32,7 +32,7 @@ if TYPE_CHECKING:  # the same names as below, for type checkers
     from .belief.gaussian import MixtureBelief as MixtureBelief, RootBelief as RootBelief
     from .belief.kalman import correct as correct, predict as predict
     from .belief.particles import ParticleBelief as ParticleBelief
-    from .belief.prior import sample_prior as sample_prior
+    from .belief.prior import draw_start as draw_start, sample_prior as sample_prior
     from .controllers import (
         AverageOfParticles as AverageOfParticles,
         EKFiLQG as EKFiLQG,
@@ -204,7 +204,7 @@ _NAMES = {
     "planning.schedules": ["PerPathCovariance", "SharedCovariance"],
     "belief.gaussian": ["MixtureBelief", "RootBelief"],
     "belief.particles": ["ParticleBelief"],
-    "belief.prior": ["sample_prior"],
+    "belief.prior": ["draw_start", "sample_prior"],
     "belief.kalman": ["correct", "predict"],
     "discretise": ["euler_step", "measurement_cov", "measurement_difference", "measurement_factor"],
     "simulate": ["Trial", "plant_step", "simulate_trial"],

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from .belief.kalman import aim_sensor_ahead
-from .belief.prior import sample_prior
+from .belief.prior import draw_start
 from .discretise import euler_step, measurement_factor
 from .numerics.normals import standard_normal
 from .problem import Belief, Controller, Filter, Problem, SeesState
@@ -58,7 +58,8 @@ def closed_loop(
     plant_key, filter_key, planner_key = (
         role_key(seed, trial, role) for role in (PLANT, FILTER, PLANNER)
     )
-    first_state = sample_prior(problem, jax.random.fold_in(plant_key, INITIAL_DRAW))
+    # From here on the problem has the prior that filter and controller know.
+    first_state, problem = draw_start(problem, jax.random.fold_in(plant_key, INITIAL_DRAW))
     first_belief = filter.init(problem, jax.random.fold_in(filter_key, INITIAL_DRAW))
 
     def advance(carry: tuple, k: Array) -> tuple[tuple, tuple]:

@@ -1,11 +1,23 @@
-"""The prior: the belief from which every filter starts and from which true states are drawn.
+"""The prior: the belief from which every filter starts, and how the true start lies to it.
 
     N(prior_mean, diag(prior_std^2))                                    without `prior_modes`
     sum_i w_i N(prior_mean + prior_modes_i, diag(prior_std^2))          with them
 
 `prior_mixture` reads the problem's fields, and all other functions derive from it: `gaussian_prior`
-for filters that keep one Gaussian, `sample_prior` for particles and for the true start.
+for filters that keep one Gaussian, `sample_prior` for particles, `draw_start` for a trial.
+
+A trial draws a mode i with its mean m_i and an error e ~ N(0, diag(prior_std^2)). What the error
+belongs to is `Problem.initial_draw`:
+
+    state   x_0 = m_i + e     and the filter starts from the prior
+    mean    x_0 = m_i         and the filter starts from the prior moved by -e
+
+Both have the same error of estimation, from the same random numbers. With one mode the true start
+is then the same in all trials, and the filter's first mean is drawn.
 """
+
+from dataclasses import replace
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -48,16 +60,39 @@ def prior(problem: Problem) -> Belief:
     return Belief(modes.mean, modes.cov)
 
 
+class Start(NamedTuple):
+    """Holds what a trial starts from."""
+
+    state: Array  # x_0 (nx,), the true one
+    problem: Problem  # with the prior from which filter and controller start
+
+
+def draw_start(problem: Problem, key: Array) -> Start:
+    """Draws the true start of a trial and the prior of its filter, as `initial_draw` says."""
+    means, errors = _draw_modes_and_errors(problem, key, ())
+    if problem.initial_draw == "state":
+        return Start(means + errors, problem)
+    moved = replace(problem, prior_mean=jnp.asarray(problem.prior_mean) - errors)
+    return Start(means, moved)
+
+
 def sample_prior(problem: Problem, key: Array, count: int | None = None) -> Array:
     """Draws one state (nx,) from the prior or, with a `count`, that many (nx, count)."""
-    shape = () if count is None else (count,)
+    means, errors = _draw_modes_and_errors(problem, key, () if count is None else (count,))
+    return means + errors
+
+
+def _draw_modes_and_errors(
+    problem: Problem, key: Array, shape: tuple[int, ...]
+) -> tuple[Array, Array]:
+    """Draws modes and deviations from their means: means (nx, ...) and deviations (nx, *shape)."""
     modes = prior_mixture(problem)
     normals = standard_normal(key, (modes.means.shape[1], *shape))
     if problem.prior_modes is None:
-        means = modes.means[0] if count is None else modes.means[0][:, None]
+        means = modes.means[0][:, None] if shape else modes.means[0]
     else:
         # The normals use the key's counters from 0 on, so the choice has a stream of its own.
         mode_key = jax.random.fold_in(key, MODE_STREAM)
         chosen = jax.random.categorical(mode_key, modes.log_weights, shape=shape)
         means = modes.means[chosen].T
-    return means + psd_factor(covariance(modes.roots[0]))[0] @ normals
+    return means, psd_factor(covariance(modes.roots[0]))[0] @ normals

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import jax
 
-from ..belief.prior import sample_prior
+from ..belief.prior import draw_start
 from ..results.timing_load import machine_load
 from ..simulate import (
     FILTER,
@@ -85,7 +85,7 @@ def _time_one_trial(
     plant_key = role_key(seed, trial, PLANT)
     filter_key = role_key(seed, trial, FILTER)
     planner_key = role_key(seed, trial, PLANNER)
-    x = sample_prior(problem, jax.random.fold_in(plant_key, INITIAL_DRAW))
+    x, problem = draw_start(problem, jax.random.fold_in(plant_key, INITIAL_DRAW))
     belief = filter.init(problem, jax.random.fold_in(filter_key, INITIAL_DRAW))
     plan = controller.init(problem)
 
