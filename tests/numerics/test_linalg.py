@@ -173,3 +173,7 @@ def test_what_is_certain_has_no_deviation_and_no_gradient():
     np.testing.assert_array_equal(gradient, np.zeros((2, 2)))
     rounded_below_zero = jnp.array([[-1e-12]])
     assert linalg.largest_deviation(rounded_below_zero) == 0
+
+
+def test_a_covariance_that_is_no_number_has_no_deviation():
+    assert np.isnan(largest_deviation(jnp.full((2, 2), jnp.nan)))

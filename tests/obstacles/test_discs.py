@@ -35,3 +35,17 @@ def test_without_obstacles_the_clearance_is_infinite(centers):
 def test_a_negative_radius_is_refused():
     with pytest.raises(ValueError, match="radius"):
         mb.Obstacles([[0, 0]], -1)
+
+
+@pytest.mark.parametrize("d", [1, 2, 3])
+def test_few_discs_are_as_far_as_among_many(d, rng, x64):
+    """Few are computed one by one, many as one array."""
+    centers = rng.normal(size=(40, d))
+    position = jnp.asarray(rng.normal(size=d))
+    many = mb.Obstacles(centers, 0.3)
+    few = mb.Obstacles(centers[:5], 0.3)
+    np.testing.assert_array_equal(few.distances(position), many.distances(position)[:5])
+    gradients = [jax.jacobian(discs.distances)(position)[:5] for discs in (few, many)]
+    np.testing.assert_allclose(*gradients, rtol=1e-12)
+    at_center = jax.jacobian(few.distances)(jnp.asarray(centers[2]))
+    np.testing.assert_array_equal(at_center[2], np.zeros(d))

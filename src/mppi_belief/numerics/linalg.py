@@ -97,8 +97,8 @@ def largest_deviation(cov: Array) -> Array:
     the covariance is zero.
     """
     variance = largest_eigenvalue(cov)
-    uncertain = variance > 0
-    return jnp.where(uncertain, jnp.sqrt(jnp.where(uncertain, variance, 1.0)), 0.0)
+    certain = variance <= 0
+    return jnp.where(certain, 0.0, jnp.sqrt(jnp.where(certain, 1.0, variance)))
 
 
 def as_matrix(weight: Array) -> Array:
