@@ -23,8 +23,9 @@ import jax.numpy as jnp
 from jax import Array
 
 from ..numerics.dependence import dependence
+from ..numerics.scalarized import vmap_scalarized
 from ..numerics.square_root import partial_cholesky
-from .integration import StateFunction
+from .integration import LARGEST_INTEGRAND, StateFunction
 
 RULES = ("exact", "sigma_points", "delta", "at_mean")
 CUBATURE_SPREAD = 4.0  # c of the cubature rule of four states, those of Sec. VII
@@ -53,6 +54,7 @@ def moments_by_rule(
     The rule is one of `RULES` but "exact". Raises `ValueError` for a spread, if it is not traced,
     below the number of components that the function depends on.
     """
+    function = _by_components(function)
     if rule == "at_mean":
         value = function(mean)
         return RuleMoments(value, jnp.zeros_like(value))
@@ -60,6 +62,22 @@ def moments_by_rule(
         return _delta_moments(function, mean, _columns(function, mean, cov))
     check_spread(function, mean, spread)
     return _sigma_point_moments(function, mean, _columns(function, mean, cov), spread)
+
+
+def _by_components(function: StateFunction) -> StateFunction:
+    """Returns the function, its operations replayed on single components.
+
+    Measured gain: a step of MPPI-Belief with a hinge at the mean and its variance by sigma points
+    (N = 500, H = 30, float32, one core, fastest of interleaved calls on a busy machine) takes 0.42
+    ms, 2.2 ms with the function as it is; 0.46 ms with the closed-form moments of bumps.
+    """
+    at_states = vmap_scalarized(function, (True,), LARGEST_INTEGRAND)
+
+    def at_state(x: Array) -> Array:
+        value: Array = at_states(x[:, None])[0]
+        return value
+
+    return at_state
 
 
 def check_spread(function: StateFunction, mean: Array, spread: Array | float) -> None:
