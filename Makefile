@@ -5,7 +5,7 @@ ARGS ?=
 TEST_WORKERS ?= 2
 
 .DEFAULT_GOAL := help
-.PHONY: help install develop run report beyond verify calibration test test-faults test-long test-scenarios test-solver test-cluster check lint types layers style-report format bench bench-docs bench-compare bench-beyond bench-scale bench-cluster picture clean
+.PHONY: help install develop run report beyond results-page verify calibration test test-faults test-long test-scenarios test-solver test-cluster check lint types layers style-report format bench bench-docs bench-compare bench-beyond bench-scale bench-cluster picture clean
 
 help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-14s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -50,6 +50,14 @@ beyond: install  ## run the studies beyond the paper and report them in outputs/
 	@for study in $(BEYOND); do echo "== $$study"; \
 	  $(BIN)/mppi-belief run experiment=$$study $(ARGS) || [ $$? -eq 3 ] || exit 1; done  # 3: some trials failed
 	$(BIN)/mppi-belief report experiment=$(subst $(space),$(comma),$(BEYOND)) report_dir=outputs/beyond $(ARGS)
+
+SUPPLEMENTS := table_1_long table_1_bumps platt_2010 van_den_berg_2012
+
+results-page: report  ## run what docs/results.md shows beyond `report`, and fill it from the results (half an hour)
+	@for study in $(SUPPLEMENTS); do echo "== $$study"; \
+	  $(BIN)/mppi-belief run experiment=$$study $(ARGS) || [ $$? -eq 3 ] || exit 1; done  # 3: some trials failed
+	$(BIN)/python docs/scripts/readme_picture.py
+	$(BIN)/python docs/scripts/results_page.py $(ARGS)
 
 verify: install  ## compute certificates of the paper's theorems into outputs/verify/certificates.md (two minutes)
 	$(BIN)/mppi-belief verify $(ARGS)

@@ -57,7 +57,7 @@ def report_studies(
     `supplements` names it shows those that have results, and misses none.
     """
     warnings: dict[str, None] = {}  # cells that two studies share warn once
-    results = [_read_study(study, table_1, warnings.setdefault) for study in studies]
+    results = [read_study(study, table_1, warnings.setdefault) for study in studies]
     results = [
         study
         for study in results
@@ -89,7 +89,7 @@ class StudyResults(NamedTuple):
     cells: list[CellResults]
 
 
-def _read_study(
+def read_study(
     study: ReportedStudy, table_1: Sequence[Configuration], warn: Callable[[str], object]
 ) -> StudyResults:
     """Reads the results of each distinct cell of a study."""
