@@ -5,9 +5,12 @@ from typing import Any
 
 import pytest
 
+from cli_helpers import PLANNER, compose
 from experiment_helpers import compiled_quickly
 from mppi_belief.errors import FieldError
-from mppi_belief.trial import check, run_trials
+from mppi_belief.trial import build, check, run_trials
+from mppi_belief.trial.derivatives import derivative_notes
+from mppi_belief.trial.validate import checked_states
 
 FLAT = "it counts as flat there; write a distance |x| as sqrt(|x|^2 + eps^2)"
 DIVERGES = (
@@ -69,6 +72,17 @@ def test_a_path_cost_by_the_delta_rule_differentiates_the_cost():
     notes = check(taxi(MPPI | {"path_cost": path_cost}))
     assert f"cost.base has no finite derivatives at [0.0, 0.0]: {FLAT}" in notes
     assert check(taxi(MPPI | {"path_cost": path_cost | {"variance": "sigma_points"}})) == []
+
+
+@pytest.mark.parametrize(("penalty", "count"), [("indicator", 1), ("hinge", 0)])
+def test_a_penalty_that_changes_in_jumps_alone_is_named(penalty, count):
+    choices = (f"cost/obstacle_penalty={penalty}", "planner.variance=delta")
+    problem, _, controller = build(compose(*choices, *PLANNER))
+    states = checked_states(problem).astype("float32")
+    assert derivative_notes(problem, controller, states) == count * [
+        "cost.penalty changes in jumps alone, so its derivatives are zero: a planner that "
+        "differentiates it does not see it; take another penalty, or moments by sigma_points"
+    ]
 
 
 def test_sigma_points_with_a_negative_weight_are_refused_before_any_trial():

@@ -69,7 +69,7 @@ def _by_components(function: StateFunction) -> StateFunction:
 
     Measured gain: a step of MPPI-Belief with a hinge at the mean and its variance by sigma points
     (N = 500, H = 30, float32, one core, fastest of interleaved calls on a busy machine) takes 0.42
-    ms, 2.2 ms with the function as it is; 0.46 ms with the closed-form moments of bumps.
+    ms, 2.2 ms where it works on arrays of distances; 0.46 ms with closed-form moments of bumps.
     """
     at_states = vmap_scalarized(function, (True,), LARGEST_INTEGRAND)
 

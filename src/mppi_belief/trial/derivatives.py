@@ -1,14 +1,15 @@
-"""Says where a function that planners and filters differentiate has no finite derivative.
+"""Says where a function that planners and filters differentiate has no useful derivative.
 
 Values are finite at a kink, as that of a distance at its end, where derivatives are not. Filters
 and schedules of covariances linearise the system; some planners expand the cost to second order and
-take it for flat where they cannot.
+take it for flat where they cannot. A function that changes in jumps alone is flat everywhere.
 """
 
 import functools
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
@@ -24,12 +25,12 @@ ROUNDED = "write a distance |x| as sqrt(|x|^2 + eps^2)"
 
 
 def derivative_notes(problem: Problem, controller: Controller, states: np.ndarray) -> list[str]:
-    """Returns a line for each function without finite derivatives at one of the states (P, nx)."""
+    """Returns a line for each function without derivatives, finite ones at all states (P, nx)."""
     names = LINEARISED + EXPANDED if expands_cost(controller) else LINEARISED
     curved = tuple(name for name in names if _may_have_kinks(problem, name))
     if not curved:
         return []
-    notes = []
+    notes = [_flat_note(name) for name in curved if name in EXPANDED and _has_steps(problem, name)]
     for name, derivatives in _derivatives(problem, states, curved).items():
         finite = np.isfinite(np.asarray(derivatives)).reshape(len(states), -1).all(axis=1)
         if not finite.all():
@@ -54,6 +55,17 @@ def _may_have_kinks(problem: Problem, name: str) -> bool:
     return dependence(total, problem.prior_mean).degree == NOT_QUADRATIC
 
 
+def _has_steps(problem: Problem, name: str) -> bool:
+    """Says whether a function of the cost is constant but for jumps, whatever its argument."""
+
+    def slope(x: Array) -> Array:
+        """Returns the sum of the gradient's components, each times a variable of its own."""
+        gradient = jax.grad(functools.partial(member_value, name, problem))(x[: len(x) // 2])
+        return gradient @ x[len(x) // 2 :]
+
+    return not dependence(slope, jnp.tile(jnp.asarray(problem.prior_mean), 2)).components
+
+
 @functools.partial(
     jax.jit, static_argnames="names", compiler_options={"xla_backend_optimization_level": 0}
 )
@@ -69,6 +81,13 @@ def _derivatives(problem: Problem, states: Array, names: tuple[str, ...]) -> dic
         }
 
     return jax.vmap(at_state)(states)
+
+
+def _flat_note(name: str) -> str:
+    return (
+        f"{name} changes in jumps alone, so its derivatives are zero: a planner that "
+        "differentiates it does not see it; take another penalty, or moments by sigma_points"
+    )
 
 
 def _note(name: str, state: list[float]) -> str:
