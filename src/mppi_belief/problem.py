@@ -231,8 +231,8 @@ class Problem:
         default=None, ndim=1, gt=0, optional=True
     )  # (m,), any sum
     collision_resolution: float = number(default=0.01, gt=0)  # m; see `path_clearance`
-    # What the prior's spread is drawn for: the true start, or the filter's mean about it.
-    initial_draw: str = choice("state", "mean", default="state")  # see `belief.prior`
+    # What the prior's spread is drawn for: the true start, the filter's mean about it, or nothing.
+    initial_draw: str = choice("state", "mean", "none", default="state")  # see `belief.prior`
 
     def __post_init__(self) -> None:
         """Refuses a system that has what is given to the problem."""

@@ -60,6 +60,21 @@ def test_both_readings_have_the_same_error_of_estimation_from_the_same_numbers(m
     assert_covariance(errors, np.diag(STD**2))
 
 
+def test_nothing_is_drawn_where_the_start_is_known(x64):
+    states, means = starts(drawn("none"), 20)
+    np.testing.assert_array_equal(states, np.broadcast_to([1.0, 1, 0, 0], (20, 4)))
+    np.testing.assert_array_equal(means, states)
+    np.testing.assert_allclose(prior(drawn("none")).cov, np.diag(STD**2))
+
+
+def test_a_mode_is_drawn_where_the_start_is_known(x64):
+    states, means = starts(drawn("none", prior_modes=MODES), 200)
+    fixed_states, _ = starts(drawn("mean", prior_modes=MODES), 200)
+    np.testing.assert_array_equal(states, fixed_states)
+    np.testing.assert_array_equal(means, np.broadcast_to([1.0, 1, 0, 0], (200, 4)))
+    assert len(np.unique(states[:, 1])) == 2
+
+
 @pytest.mark.parametrize("draw", ["state", "mean"])
 def test_the_first_squared_error_is_chi_square(draw, x64):
     """NEES of the first belief: mean 4, variance 8."""
@@ -150,5 +165,7 @@ def test_rows_paths_scenes_and_times_follow_the_reading():
 
 
 def test_another_reading_is_refused_by_name():
-    with pytest.raises(ValueError, match="initial_draw must be one of state, mean, got 'filter'"):
+    with pytest.raises(
+        ValueError, match="initial_draw must be one of state, mean, none, got 'filter'"
+    ):
         drawn("filter")

@@ -11,9 +11,11 @@ belongs to is `Problem.initial_draw`:
 
     state   x_0 = m_i + e     and the filter starts from the prior
     mean    x_0 = m_i         and the filter starts from the prior moved by -e
+    none    x_0 = m_i         and the filter starts from the prior
 
-Both have the same error of estimation, from the same random numbers. With one mode the true start
-is then the same in all trials, and the filter's first mean is drawn.
+The first two have the same error of estimation, from the same random numbers. With one mode the
+true start of the last two is the same in all trials. With "none" the first mean is right and only
+the filter does not know it: its first covariance is larger than its error.
 """
 
 from dataclasses import replace
@@ -72,6 +74,8 @@ def draw_start(problem: Problem, key: Array) -> Start:
     means, errors = _draw_modes_and_errors(problem, key, ())
     if problem.initial_draw == "state":
         return Start(means + errors, problem)
+    if problem.initial_draw == "none":
+        return Start(means, problem)
     moved = replace(problem, prior_mean=jnp.asarray(problem.prior_mean) - errors)
     return Start(means, moved)
 
