@@ -93,7 +93,7 @@ STRUCTURE = {
         "spread c of the sigma points", BY_THE_SWEEPS
     ),
     "problem.initial_draw": StructureChoice(
-        "whether the true start or the filter's first mean is drawn", BY_THE_SWEEPS
+        "what the spread of the start is drawn for", BY_THE_SWEEPS
     ),
     "controller.path_cost.variance_of": StructureChoice(
         "of what Remark 4 takes the variance", BY_HAND
