@@ -42,11 +42,11 @@ report: install  ## run what is missing of the paper's studies and report them i
 	@echo "== certificates"; $(BIN)/mppi-belief verify $(filter seed=% workers=% verify_dir=%,$(ARGS)) || [ $$? -eq 1 ]  # 1: one fails
 	$(BIN)/mppi-belief report $(ARGS)
 
-BEYOND := information proposals two_lanes nonlinearity controlled_sensing platt_2010 van_den_berg_2012
+BEYOND := margins information proposals two_lanes nonlinearity controlled_sensing platt_2010 van_den_berg_2012
 comma := ,
 space := $(subst ,, )
 
-beyond: install  ## run the studies beyond the paper and report them in outputs/beyond/index.html (twenty minutes)
+beyond: install  ## run the studies beyond the paper and report them in outputs/beyond/index.html (twenty-five minutes)
 	@for study in $(BEYOND); do echo "== $$study"; \
 	  $(BIN)/mppi-belief run experiment=$$study $(ARGS) || [ $$? -eq 3 ] || exit 1; done  # 3: some trials failed
 	$(BIN)/mppi-belief report experiment=$(subst $(space),$(comma),$(BEYOND)) report_dir=outputs/beyond $(ARGS)

@@ -5,6 +5,7 @@ from .certificate_panels import certificate_figure
 from .diagnostics import ess_figure, residual_figure
 from .figure_1 import figure_1
 from .filter_consistency import consistency_figure
+from .margins import margins_figure
 from .one_trial import one_trial_figure
 from .plane import kept_in_plane
 from .quality import quality_figure
@@ -35,6 +36,7 @@ __all__ = [
     "figure_2",
     "kept_in_plane",
     "kept_panel",
+    "margins_figure",
     "method_look",
     "one_trial_figure",
     "proposals_figure",

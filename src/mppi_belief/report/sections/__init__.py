@@ -15,6 +15,7 @@ from .diffusion import diffusion_section
 from .expectation import expectation_section
 from .horizon_and_samples import horizon_and_samples_section
 from .information import information_section
+from .margins import margins_section
 from .nonlinearity import nonlinearity_section
 from .own_study import OwnStudy, own_study_section
 from .proposals import proposals_section
@@ -49,6 +50,7 @@ SUPPLEMENTS: dict[str, Callable[[Studies, Path], Section]] = {
 }
 
 FURTHER_STUDIES: dict[str, SectionBuilder] = {
+    "margins": margins_section,
     "information": information_section,
     "proposals": proposals_section,
     "controlled_sensing": controlled_sensing_section,
