@@ -25,6 +25,7 @@ CERTIFICATE_NAMES = (
     # Beyond the paper.
     "joint_covariance",
     "controlled_sensing",
+    "compact_penalty",
 )
 
 
