@@ -127,6 +127,9 @@ def test_the_section_compares_planners_at_equal_safety(tmp_path):
     differences = [text.split()[0] for text in safest["above the chance constraint [95 %]"]]
     assert differences == ["4.00", "8.10", "-"]
     assert len(every) == 17
+    assert list(every["deviations"][:1]) == ["2"]
+    assert every["deviations"][7] == "-"
+    assert every["sd"][0] == "5.60"
     assert {path.name for path in tmp_path.iterdir()} >= {"margins.png", "margins.csv"}
 
 

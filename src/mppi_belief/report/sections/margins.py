@@ -27,7 +27,11 @@ from ..summary import interval_text, summarise_trials, summary_text
 
 ACCEPTED_RATE = 0.01  # of trials that collide, for the comparison at equal safety; a choice
 ABOVE_CHANCE = "above the chance constraint [95 %]"
-SETTING_COLUMNS = {THETA: THETA, WEIGHT: WEIGHT, DEVIATIONS: "sd"}
+SETTING_COLUMNS = {
+    THETA: THETA,
+    WEIGHT: WEIGHT,
+    DEVIATIONS: "deviations",
+}  # "sd" is that of the cost
 
 
 def margins_section(cells: list[CellResults], folder: Path) -> Section:
@@ -39,7 +43,7 @@ def margins_section(cells: list[CellResults], folder: Path) -> Section:
         "What the variance of the penalty amounts to",
         [
             "Sigma points at sqrt(c) standard deviations see a penalty of compact support only "
-            "where one of them is inside, and are then charged so much that neither theta nor "
+            "where one of them is inside. Once that costs more than a detour, neither theta nor "
             "w_obs matters: they keep a margin of sqrt(c) standard deviations, as a chance "
             "constraint does that enlarges obstacles by k standard deviations. Exact moments see "
             "the penalty at any distance, and keep a margin that grows with theta and w_obs.",
