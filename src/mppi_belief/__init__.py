@@ -46,6 +46,7 @@ if TYPE_CHECKING:  # the same names as below, for type checkers
     from .costs.penalties import (
         Bump as Bump,
         CenterPenalty as CenterPenalty,
+        DistancePenalty as DistancePenalty,
         Hinge as Hinge,
         Indicator as Indicator,
         SmoothStep as SmoothStep,
@@ -66,6 +67,7 @@ if TYPE_CHECKING:  # the same names as below, for type checkers
     )
     from .obstacles import (
         ClosedFormClearance as ClosedFormClearance,
+        HalfSpaces as HalfSpaces,
         ObstacleDistances as ObstacleDistances,
         ObstacleShape as ObstacleShape,
         Obstacles as Obstacles,
@@ -157,6 +159,7 @@ _NAMES = {
     ],
     "obstacles": [
         "ClosedFormClearance",
+        "HalfSpaces",
         "ObstacleDistances",
         "ObstacleShape",
         "Surroundings",
@@ -175,6 +178,7 @@ _NAMES = {
     "costs.penalties": [
         "Bump",
         "CenterPenalty",
+        "DistancePenalty",
         "Hinge",
         "Indicator",
         "SmoothStep",

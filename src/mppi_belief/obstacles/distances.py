@@ -4,11 +4,13 @@ A shape that is made of n obstacles may say how far each of them is (`ObstacleDi
 shape counts as one obstacle, at the distance that its `clearance` gives.
 """
 
-from typing import Protocol, runtime_checkable
+from typing import Protocol, TypeGuard, TypeVar, runtime_checkable
 
 from jax import Array
 
 from .surroundings import ObstacleShape
+
+Shape = TypeVar("Shape", bound=ObstacleShape)
 
 
 @runtime_checkable
@@ -27,6 +29,14 @@ def obstacle_distances(obstacles: ObstacleShape, position: Array) -> Array:
     if isinstance(obstacles, ObstacleDistances) and agrees_with_clearance(obstacles, "distances"):
         return obstacles.distances(position)
     return obstacles.clearance(position)[None]
+
+
+def is_plain(obstacles: ObstacleShape | None, kind: type[Shape]) -> TypeGuard[Shape]:
+    """Says whether obstacles are of a kind, or of a subclass that does not change distances."""
+    names = ("clearance", "distances")
+    if not isinstance(obstacles, kind):
+        return False
+    return all(getattr(type(obstacles), name) is getattr(kind, name) for name in names)
 
 
 def agrees_with_clearance(obstacles: ObstacleShape, ability: str) -> bool:

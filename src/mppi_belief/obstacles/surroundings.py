@@ -61,7 +61,11 @@ class Surroundings(NamedTuple):
         """Says whether the position is the first components of the state, in their order."""
         return self.components is None or self.components == tuple(range(len(self.components)))
 
+    def position_components(self, nx: int) -> list[int]:
+        """Returns the components of a state (nx,) that are the position."""
+        return list(range(nx) if self.components is None else self.components)
+
     def position_first(self, nx: int) -> list[int]:
         """Returns the order of the nx components that brings the position to the front."""
-        front = list(range(nx) if self.components is None else self.components)
+        front = self.position_components(nx)
         return front + [i for i in range(nx) if i not in front]

@@ -3,13 +3,19 @@
 from .bump import Bump
 from .hinge import Hinge
 from .indicator import Indicator
-from .protocols import CenterPenalty, ObstaclePenalty, SurfacePenalty
+from .protocols import (
+    CenterPenalty,
+    DistancePenalty,
+    ObstaclePenalty,
+    SurfacePenalty,
+)
 from .smooth_step import SmoothStep
 from .squared_hinge import SquaredHinge
 
 __all__ = [
     "Bump",
     "CenterPenalty",
+    "DistancePenalty",
     "Hinge",
     "Indicator",
     "ObstaclePenalty",

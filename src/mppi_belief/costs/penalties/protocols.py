@@ -11,6 +11,8 @@ from typing import Protocol, TypeAlias, runtime_checkable
 
 from jax import Array
 
+from ...belief.half_space_moments import DistanceMoments
+
 
 @runtime_checkable
 class SurfacePenalty(Protocol):
@@ -21,6 +23,18 @@ class SurfacePenalty(Protocol):
 
         The distance is negative inside the obstacle.
         """
+
+
+@runtime_checkable
+class DistancePenalty(SurfacePenalty, Protocol):
+    """Adds to a penalty its moments under a Gaussian distance, for exact moments at walls."""
+
+    @property
+    def reach(self) -> float:
+        """Returns the distance (m) from which on there is no penalty."""
+
+    def distance_moments(self, mean: Array, sd: Array) -> DistanceMoments:
+        """Returns the moments for a distance ~ N(mean, sd^2), both (), sd > 0."""
 
 
 @runtime_checkable

@@ -1,28 +1,15 @@
 """The sum of a penalty over all obstacles: its value, and its moments under a Gaussian state.
 
-Penalties about centres have closed forms. Those on the distance to a surface are integrated by the
-rule for the components of the position (`belief.integration`).
+Moments of penalties about centres have closed forms; `surface_moments` has those of the others.
 """
-
-from collections.abc import Callable
-from typing import NamedTuple
 
 import jax.numpy as jnp
 from jax import Array
 
-from ...belief.integration import covariance, expected_value, integrand, variance
-from ...numerics.linalg import minus, quadratic_form
-from ...obstacles import Surroundings, obstacle_distances
+from ...obstacles import Surroundings
 from ...obstacles.enlarged import EnlargedObstacles
-from .protocols import CenterPenalty, ObstaclePenalty, SurfacePenalty
-
-
-class PenaltyMoments(NamedTuple):
-    """Holds the moments of the sum of a penalty under a belief; every field is ()."""
-
-    mean: Array  # expectation
-    variance: Array
-    covariance: Array  # with the base cost
+from .protocols import CenterPenalty, ObstaclePenalty
+from .surface_moments import PenaltyMoments, surface_moments, surface_sum
 
 
 def penalty_sum(penalty: ObstaclePenalty, x: Array, surroundings: Surroundings) -> Array:
@@ -40,8 +27,7 @@ def penalty_sum(penalty: ObstaclePenalty, x: Array, surroundings: Surroundings) 
         if isinstance(surroundings.obstacles, EnlargedObstacles):
             centers = surroundings.obstacles.centers_towards(position[: centers.shape[-1]])
         return penalty.sum_about(position, centers)
-    distances = obstacle_distances(surroundings.obstacles, surroundings.position(x))
-    return jnp.sum(_profile(penalty)(distances))
+    return surface_sum(penalty, x, surroundings)
 
 
 def penalty_moments(
@@ -66,7 +52,7 @@ def penalty_moments(
     if surroundings.obstacles is None:
         return PenaltyMoments(none, none, none)
     if not isinstance(penalty, CenterPenalty):
-        return _integrated(penalty, mean, cov, goal, weight, surroundings)
+        return surface_moments(penalty, mean, cov, goal, weight, surroundings)
     centers = _centers(penalty, surroundings)
     if len(centers) == 0:
         return PenaltyMoments(none, none, none)
@@ -81,33 +67,6 @@ def penalty_moments(
     expectation, spread = penalty.moments_about(mean, cov, centers)
     with_base = penalty.covariance_about(mean, cov, goal, weight, centers)
     return PenaltyMoments(expectation, spread, with_base)
-
-
-def _integrated(
-    penalty: SurfacePenalty,
-    mean: Array,
-    cov: Array,
-    goal: Array,
-    weight: Array,
-    surroundings: Surroundings,
-) -> PenaltyMoments:
-    """Returns the moments by a rule for the components that the penalty depends on."""
-    kind = type(penalty).__name__
-    base = integrand(
-        lambda x: 0.5 * quadratic_form(weight, minus(x, goal)), mean, cov, "the quadratic base"
-    )
-    total = integrand(
-        lambda x: penalty_sum(penalty, x, surroundings), mean, cov, f"cost.obstacle_penalty {kind}"
-    )
-    return PenaltyMoments(expected_value(total), variance(total), covariance(base, total))
-
-
-def _profile(penalty: SurfacePenalty) -> Callable[[Array], Array]:
-    """Returns the profile of a penalty; raises `ValueError` for what is none."""
-    if not isinstance(penalty, SurfacePenalty):
-        kind = type(penalty).__name__
-        raise ValueError(f"obstacle_penalty must have profile(distance), {kind} has none")
-    return penalty.profile
 
 
 def _centers(penalty: CenterPenalty, surroundings: Surroundings) -> Array:

@@ -1,0 +1,124 @@
+"""The sum of a penalty on distances to surfaces: its value, and its moments under a Gaussian state.
+
+The moments are those of the first line that fits:
+
+| penalty | obstacles | moments |
+|---|---|---|
+| `DistancePenalty` | half-spaces | `belief.half_space_moments`: closed forms, a rule for pairs |
+| any other | any other | `belief.integration`: a rule for the components of the position |
+
+Symbols: nx states, d components of the position.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jax import Array
+
+from ...belief.half_space_moments import (
+    HalfSpaceDistances,
+    half_space_moments,
+    quadratic_covariance,
+)
+from ...belief.integration import covariance, expected_value, integrand, variance
+from ...numerics.linalg import as_matrix, matvec, minus, quadratic_form
+from ...obstacles import HalfSpaces, Surroundings, is_plain, obstacle_distances
+from .protocols import DistancePenalty, SurfacePenalty
+
+
+class PenaltyMoments(NamedTuple):
+    """Holds the moments of the sum of a penalty under a belief; every field is ()."""
+
+    mean: Array  # expectation
+    variance: Array
+    covariance: Array  # with the base cost
+
+
+class _Base(NamedTuple):
+    """Holds the base cost 1/2 (x - goal)' W (x - goal) at the mean."""
+
+    offset: list[Array]  # (nx,), of the mean from the goal
+    weight: Array  # W (nx, nx)
+
+
+def surface_sum(penalty: SurfacePenalty, x: Array, surroundings: Surroundings) -> Array:
+    """Returns the sum () of a penalty over all obstacles at a state (nx,).
+
+    Raises `ValueError` for what is no penalty.
+    """
+    if surroundings.obstacles is None:
+        return jnp.zeros_like(x[0])
+    distances = obstacle_distances(surroundings.obstacles, surroundings.position(x))
+    return jnp.sum(_profile(penalty)(distances))
+
+
+def surface_moments(
+    penalty: SurfacePenalty,
+    mean: Array,
+    cov: Array,
+    goal: Array,
+    weight: Array,
+    surroundings: Surroundings,
+) -> PenaltyMoments:
+    """Returns the moments of the sum over obstacles, by the rule for their shape.
+
+    The arguments are those of `totals.penalty_moments`.
+    """
+    none = jnp.zeros_like(mean[0])
+    obstacles = surroundings.obstacles
+    components = jnp.array(surroundings.position_components(len(mean)))
+    position = surroundings.position(mean)
+    to_state = cov[:, components]
+    base = _Base(minus(mean, goal), as_matrix(weight))
+    if is_plain(obstacles, HalfSpaces) and isinstance(penalty, DistancePenalty):
+        if len(obstacles.normals) == 0:
+            return PenaltyMoments(none, none, none)
+        return _at_half_spaces(penalty, position, to_state, components, obstacles, base)
+    return _integrated(penalty, mean, cov, goal, weight, surroundings)
+
+
+def _at_half_spaces(
+    penalty: DistancePenalty,
+    position: Array,
+    to_state: Array,
+    components: Array,
+    walls: HalfSpaces,
+    base: _Base,
+) -> PenaltyMoments:
+    """Returns the moments for half-spaces, from the covariance of state and position (nx, d)."""
+    normals = jnp.asarray(walls.normals)
+    directions = normals @ to_state.T
+    distances = HalfSpaceDistances(walls.distances(position), directions[:, components] @ normals.T)
+    of_distance = penalty.distance_moments
+    expectation, spread = half_space_moments(penalty.profile, penalty.reach, of_distance, distances)
+    gradient = matvec(base.weight, base.offset)
+    with_base = quadratic_covariance(of_distance, distances, directions, gradient, base.weight)
+    return PenaltyMoments(expectation, spread, with_base)
+
+
+def _integrated(
+    penalty: SurfacePenalty,
+    mean: Array,
+    cov: Array,
+    goal: Array,
+    weight: Array,
+    surroundings: Surroundings,
+) -> PenaltyMoments:
+    """Returns the moments by a rule for the components that the penalty depends on."""
+    kind = type(penalty).__name__
+    base = integrand(
+        lambda x: 0.5 * quadratic_form(weight, minus(x, goal)), mean, cov, "the quadratic base"
+    )
+    total = integrand(
+        lambda x: surface_sum(penalty, x, surroundings), mean, cov, f"cost.obstacle_penalty {kind}"
+    )
+    return PenaltyMoments(expected_value(total), variance(total), covariance(base, total))
+
+
+def _profile(penalty: SurfacePenalty) -> Callable[[Array], Array]:
+    """Returns the profile of a penalty; raises `ValueError` for what is none."""
+    if not isinstance(penalty, SurfacePenalty):
+        kind = type(penalty).__name__
+        raise ValueError(f"obstacle_penalty must have profile(distance), {kind} has none")
+    return penalty.profile
