@@ -110,3 +110,10 @@ def test_what_is_no_penalty_is_refused():
     problem = light_dark_problem(cost={"obstacle_penalty": "hinge"})
     with pytest.raises(ValueError, match=r"must have profile\(distance\), str has none"):
         problem.penalty(jnp.zeros(4))
+
+
+def test_no_two_penalties_share_a_compiled_program():
+    structures = [jax.tree.structure(penalty) for penalty, _ in PROFILES]
+    structures.append(jax.tree.structure(mb.Bump(0.2)))
+    for i, structure in enumerate(structures):
+        assert structure not in structures[:i]

@@ -12,7 +12,7 @@ from jax import Array
 from ...belief.half_space_moments import DistanceMoments
 from ...belief.interval_rule import interval_nodes, normal_cdf
 from ...numerics.linalg import dot
-from ...structs import number, struct
+from ...structs import choice, number, struct
 
 N_NODES_OF_SLOPE = 16
 
@@ -22,6 +22,8 @@ class SmoothStep:
     """Charges 1 inside every obstacle, falling to 0 over a margin around it."""
 
     margin: float = number(gt=0)  # m, around the surface
+    # Static: JAX 0.10.2 holds trees of two dataclasses for equal if their static fields are.
+    kind: str = choice("smooth_step", default="smooth_step")
 
     def profile(self, distance: Array) -> Array:
         """Returns the penalty (0 to 1) at a distance (m) to a surface, of any shape."""
@@ -49,11 +51,11 @@ class SmoothStep:
 
         # Derivatives of the profile on the slope.
         t = [1.0 - point / self.margin for point in nodes.points]
-        slopes = [-6 * each * (1 - each) / self.margin for each in t]
-        curvatures = [6 * (1 - 2 * each) / self.margin**2 for each in t]
+        first_derivatives = [-6 * each * (1 - each) / self.margin for each in t]
+        second_derivatives = [6 * (1 - 2 * each) / self.margin**2 for each in t]
         return DistanceMoments(
             expectation,
             variance,
-            nodes.probability * dot(nodes.fractions, slopes),
-            nodes.probability * dot(nodes.fractions, curvatures),
+            nodes.probability * dot(nodes.fractions, first_derivatives),
+            nodes.probability * dot(nodes.fractions, second_derivatives),
         )
