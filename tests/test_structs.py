@@ -12,6 +12,7 @@ from jax import Array
 
 import mppi_belief as mb
 from helpers import light_dark_problem
+from mppi_belief.structs import struct_fields
 
 
 @mb.struct
@@ -148,3 +149,46 @@ def test_copies_and_pickles_are_equal(duplicate):
     assert jax.tree.structure(again) == jax.tree.structure(problem)
     for a, b in zip(jax.tree.leaves(again), jax.tree.leaves(problem), strict=True):
         np.testing.assert_array_equal(a, b)
+
+
+@mb.struct
+class Celsius:
+    degrees: float = mb.number(default=0.0)
+
+    def kelvin(self) -> Array:
+        return self.degrees + 273.15
+
+
+@mb.struct
+class Fahrenheit:
+    degrees: float = mb.number(default=0.0)
+
+    def kelvin(self) -> Array:
+        return (self.degrees - 32) / 1.8 + 273.15
+
+
+@mb.struct
+class Calibrated(Celsius):
+    offset: float = mb.number(default=0.0)
+
+
+def test_two_classes_with_the_same_fields_have_different_structures():
+    structures = [jax.tree.structure(each) for each in (Celsius(), Fahrenheit(), mb.EKF())]
+    structures += [jax.tree.structure(each) for each in (mb.UKF(), mb.MixtureFilter())]
+    for i, structure in enumerate(structures):
+        assert structure not in structures[:i]
+
+
+def test_a_program_belongs_to_one_class():
+    kelvin = jax.jit(lambda each: each.kelvin())
+    for cls, freezing in ((Celsius, 273.15), (Fahrenheit, 255.372)):
+        assert float(kelvin(cls(0.0))) == pytest.approx(freezing, rel=1e-5)
+
+
+def test_the_class_of_a_struct_is_not_one_of_its_declared_fields():
+    names = [field.name for field in struct_fields(Calibrated)]
+    assert names == ["degrees", "offset"]
+    moved = dataclasses.replace(Calibrated(1.0, 2.0), offset=3.0)
+    assert (type(moved), moved.struct_class) == (Calibrated, Calibrated)
+    assert "struct_class" not in repr(moved)
+    assert type(jax.tree.map(lambda leaf: leaf + 1, moved)) is Calibrated

@@ -13,11 +13,16 @@ Numbers and arrays are data; sizes, indices and choices are metadata.
 Values given by a person (Python numbers, lists, NumPy arrays) are converted and checked when the
 object is made; a bad one raises `ValueError` naming the field. Traced values pass unchecked.
 
+Every struct has one more static field, `struct_class`, which holds its class. Without it JAX
+(0.10.2) holds the structures of objects of two dataclasses for equal where their static fields are,
+and may then run the compiled program of the one for the other.
+
 A default is named, `default=1.0`, since type checkers see no other. They learn the type of a field
 from its specifier too, so that `gain: str = number()` is an error.
 """
 
 import dataclasses
+import inspect
 from typing import Any, Literal, TypeVar, dataclass_transform, overload
 
 import jax
@@ -29,6 +34,7 @@ from .array_fields import OptionalArrayField as OptionalArrayField
 from .fields import Choice, Indices, Number, WholeNumber, checked, ruled, rules
 
 T = TypeVar("T")
+STRUCT_CLASS = "struct_class"  # name of the static field that holds the class
 
 _STRUCTS: set[type] = set()
 
@@ -131,14 +137,27 @@ def struct(cls: type[T]) -> type[T]:
         if own_check is not None:
             own_check(self)
 
+    _declare_struct_class(cls)
     cls.__post_init__ = check  # type: ignore[attr-defined]
     result: Any = dataclasses.dataclass(frozen=True, eq=False)(cls)
-    names = [field.name for field in dataclasses.fields(result)]
+    names = [field.name for field in struct_fields(result)]
     static = [name for name, rule in rules(result).items() if _is_static(rule)]
     data = [name for name in names if name not in static]
-    jax.tree_util.register_dataclass(result, data_fields=data, meta_fields=static)
+    jax.tree_util.register_dataclass(result, data_fields=data, meta_fields=[*static, STRUCT_CLASS])
     _STRUCTS.add(result)
     return result
+
+
+def _declare_struct_class(cls: type) -> None:
+    """Adds the static field with the class to a class that becomes a dataclass."""
+    field = dataclasses.field(default=cls, kw_only=True, repr=False)
+    cls.__annotations__ = {**inspect.get_annotations(cls), STRUCT_CLASS: type}
+    setattr(cls, STRUCT_CLASS, field)
+
+
+def struct_fields(cls: Any) -> list["dataclasses.Field[Any]"]:
+    """Returns the fields that a struct, or an object of one, was declared with."""
+    return [field for field in dataclasses.fields(cls) if field.name != STRUCT_CLASS]
 
 
 def is_struct(cls: type) -> bool:

@@ -1,6 +1,5 @@
 """Makes a cell's objects from its configuration: problem, filter, controller."""
 
-import dataclasses
 import functools
 import warnings
 from typing import Any, NamedTuple
@@ -15,7 +14,7 @@ from ..numerics.jax_settings import pin_jax_settings
 from ..planning.parts import ChecksFit
 from ..problem import Controller, Filter, Problem
 from ..simulate import simulate_trial
-from ..structs import is_struct
+from ..structs import is_struct, struct_fields
 from .derivatives import derivative_notes
 from .traced_fields import reason_of
 from .validate import check_numbers, check_problem, checked_states
@@ -86,7 +85,7 @@ def _make(node: Any, path: str, parts: dict[str, Any] | None = None) -> Any:
         raise ConfigError(
             f"{path}._target_={node['_target_']}: must name a class made with mppi_belief.struct"
         )
-    known = [f"{path}.{field.name}" for field in dataclasses.fields(target)]
+    known = [f"{path}.{field.name}" for field in struct_fields(target)]
     for key in values:
         if f"{path}.{key}" not in known:
             raise ConfigError(unknown_key(f"{path}.{key}", known))

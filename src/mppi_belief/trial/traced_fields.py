@@ -12,6 +12,7 @@ import jax
 
 from ..config.targets import with_source_line
 from ..errors import first_line
+from ..structs import struct_fields
 
 _UNTRACED_ERRORS = (
     jax.errors.ConcretizationTypeError,
@@ -47,7 +48,7 @@ def _undeclared(owner: Any) -> Iterator[tuple[str, str]]:
     """
     if not dataclasses.is_dataclass(owner):
         return
-    for field in dataclasses.fields(owner):
+    for field in struct_fields(owner):
         declaration = None if field.metadata else _declaration(field)
         if declaration is not None:
             yield f"{type(owner).__name__}.{field.name}", f"{field.name}: {declaration}"

@@ -8,7 +8,7 @@ It has no edge: its width decides how far it reaches, and the radius of an obsta
 from jax import Array
 
 from ...belief.moments import bump_sum, bump_sum_moments, quadratic_bump_covariance
-from ...structs import choice, number, struct
+from ...structs import number, struct
 
 
 @struct
@@ -16,8 +16,6 @@ class Bump:
     """Adds a Gaussian bump at the centre of every obstacle, with moments in closed form."""
 
     width: float = number(default=1.0, gt=0)  # l, m
-    # Static: JAX 0.10.2 holds trees of two dataclasses for equal if their static fields are.
-    kind: str = choice("bump", default="bump")
 
     def sum_about(self, position: Array, centers: Array) -> Array:
         """Returns the sum () of bumps at centers (n, d), at one position (d or more,)."""

@@ -14,7 +14,7 @@ from jax import Array
 
 from ...belief.half_space_moments import DistanceMoments
 from ...belief.interval_rule import normal_cdf, normal_pdf
-from ...structs import choice, number, struct
+from ...structs import number, struct
 
 
 @struct
@@ -22,8 +22,6 @@ class Hinge:
     """Charges the depth (m) below a margin around every obstacle, and nothing beyond it."""
 
     margin: float = number(default=0.0, ge=0)  # m, around the surface
-    # Static: JAX 0.10.2 holds trees of two dataclasses for equal if their static fields are.
-    kind: str = choice("hinge", default="hinge")
 
     def profile(self, distance: Array) -> Array:
         """Returns the penalty (m) at a distance (m) to a surface, of any shape."""

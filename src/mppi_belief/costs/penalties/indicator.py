@@ -11,7 +11,7 @@ from jax import Array
 
 from ...belief.half_space_moments import DistanceMoments
 from ...belief.interval_rule import normal_cdf, normal_pdf
-from ...structs import choice, number, struct
+from ...structs import number, struct
 
 
 @struct
@@ -19,8 +19,6 @@ class Indicator:
     """Charges 1 below a margin around every obstacle, and nothing beyond it."""
 
     margin: float = number(default=0.0, ge=0)  # m, around the surface
-    # Static: JAX 0.10.2 holds trees of two dataclasses for equal if their static fields are.
-    kind: str = choice("indicator", default="indicator")
 
     def profile(self, distance: Array) -> Array:
         """Returns 1 or 0 at a distance (m) to a surface, of any shape."""

@@ -12,7 +12,7 @@ from jax import Array
 from ...belief.half_space_moments import DistanceMoments
 from ...belief.interval_rule import interval_nodes, normal_cdf
 from ...numerics.linalg import dot
-from ...structs import choice, number, struct
+from ...structs import number, struct
 
 N_NODES_OF_SLOPE = 16
 
@@ -22,8 +22,6 @@ class SmoothStep:
     """Charges 1 inside every obstacle, falling to 0 over a margin around it."""
 
     margin: float = number(gt=0)  # m, around the surface
-    # Static: JAX 0.10.2 holds trees of two dataclasses for equal if their static fields are.
-    kind: str = choice("smooth_step", default="smooth_step")
 
     def profile(self, distance: Array) -> Array:
         """Returns the penalty (0 to 1) at a distance (m) to a surface, of any shape."""

@@ -16,7 +16,7 @@ from jax import Array
 
 from ...belief.half_space_moments import DistanceMoments
 from ...belief.interval_rule import normal_cdf, normal_pdf
-from ...structs import choice, number, struct
+from ...structs import number, struct
 
 
 @struct
@@ -24,8 +24,6 @@ class SquaredHinge:
     """Charges the squared depth (m^2) below a margin around every obstacle, nothing beyond it."""
 
     margin: float = number(default=0.0, ge=0)  # m, around the surface
-    # Static: JAX 0.10.2 holds trees of two dataclasses for equal if their static fields are.
-    kind: str = choice("squared_hinge", default="squared_hinge")
 
     def profile(self, distance: Array) -> Array:
         """Returns the penalty (m^2) at a distance (m) to a surface, of any shape."""
