@@ -4,13 +4,13 @@
 
 Gauss-Newton with Levenberg-Marquardt damping on Table I's twelve deviations, in coordinates that
 run from 0 to 1 over each number's range; derivatives are differences under common random numbers.
+The candidate's structure, its discrete choices, stays as it is.
 J'J at the end is the Fisher information of Table I's numbers, each in units of its own standard
 error. With the information of a uniform number in its range added, its inverse gives the standard
 error of each open number while the others are free. More digits than that mean nothing.
 """
 
 import argparse
-import csv
 import json
 import math
 from collections.abc import Sequence
@@ -23,18 +23,20 @@ from typing import Any
 import numpy as np
 
 import scenario
+import structure
 from mppi_belief.config import environment
 
 HERE = Path(__file__).parent
-NAMES = tuple(scenario.OPEN)
 TRIALS = {"belief": 100, "ce": 100, "ilqg": 100, "pipf": 40}
 STEP = 0.04
 _bases: dict[str, dict[str, Any]] = {}
 
 
-def to_unit(candidate: dict[str, Any]) -> np.ndarray:
+def to_unit(candidate: scenario.Candidate) -> np.ndarray:
     """Returns the open numbers as coordinates (n,) in [0, 1]."""
-    return np.array([_unit(scenario.OPEN[name], candidate[name]) for name in NAMES])
+    return np.array(
+        [_unit(scenario.OPEN[name], candidate[name]) for name in scenario.open_names(candidate)]
+    )
 
 
 def _unit(range: scenario.Range, value: float) -> float:
@@ -47,21 +49,23 @@ def _unit(range: scenario.Range, value: float) -> float:
     return (value - low) / (high - low)
 
 
-def from_unit(unit: np.ndarray, steps: int) -> dict[str, Any]:
-    """Returns the candidate with the coordinates `unit` (n,); the inverse of `to_unit`."""
-    candidate: dict[str, Any] = {"steps": steps}
-    for name, part in zip(NAMES, unit, strict=True):
+def from_unit(unit: np.ndarray, start: scenario.Candidate) -> scenario.Candidate:
+    """Returns the candidate with the coordinates `unit` (n,) and the structure of another one."""
+    candidate = {name: start[name] for name in structure.CHOICES}
+    for name, part in zip(scenario.open_names(start), unit, strict=True):
         low, high, log = scenario.OPEN[name]
         value = math.log(low) + part * math.log(high / low) if log else low + part * (high - low)
         candidate[name] = math.exp(value) if log else value
     return candidate
 
 
-def deviations(steps: int, unit: Sequence[float]) -> tuple[list[float], dict[str, Any]]:
+def deviations(
+    start: scenario.Candidate, unit: Sequence[float]
+) -> tuple[list[float], dict[str, Any]]:
     """Returns Table I's twelve z at a point, and the measured numbers of each method."""
     if not _bases:
         _bases.update(scenario.base_configs())
-    candidate = from_unit(np.asarray(unit), steps)
+    candidate = from_unit(np.asarray(unit), start)
     z = []
     measured = {}
     for method in scenario.METHODS:
@@ -72,27 +76,27 @@ def deviations(steps: int, unit: Sequence[float]) -> tuple[list[float], dict[str
 
 
 def jacobian(
-    pool: ProcessPoolExecutor, steps: int, unit: np.ndarray, z: Sequence[float]
+    pool: ProcessPoolExecutor, start: scenario.Candidate, unit: np.ndarray, z: Sequence[float]
 ) -> np.ndarray:
     """Returns dz / dunit (12, n) at a point with deviations z, by differences in the range."""
     strides = np.where(unit + STEP <= 1, STEP, -STEP)
     points = [(unit + np.eye(len(unit))[i] * stride).tolist() for i, stride in enumerate(strides)]
-    shifted = np.array([measured[0] for measured in pool.map(partial(deviations, steps), points)])
+    shifted = np.array([measured[0] for measured in pool.map(partial(deviations, start), points)])
     return ((shifted - np.array(z)) / strides[:, None]).T
 
 
 def refine(
-    pool: ProcessPoolExecutor, unit: np.ndarray, steps: int, iterations: int
+    pool: ProcessPoolExecutor, unit: np.ndarray, start: scenario.Candidate, iterations: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """Returns the minimum (n,) reached from here, and the Jacobian (12, n) there."""
-    z, measured = next(pool.map(partial(deviations, steps), [unit.tolist()]))
+    z, measured = next(pool.map(partial(deviations, start), [unit.tolist()]))
     damping = 0.3
-    J = jacobian(pool, steps, unit, z)
+    J = jacobian(pool, start, unit, z)
     for iteration in range(iterations):
-        print_iteration(iteration, z, unit, steps, measured)
+        print_iteration(iteration, z, unit, start, measured)
         dampings = [damping * factor for factor in (0.1, 1.0, 10.0, 100.0)]
         tried = [np.clip(unit + _step(J, np.array(z), each), 0, 1) for each in dampings]
-        answers = list(pool.map(partial(deviations, steps), [point.tolist() for point in tried]))
+        answers = list(pool.map(partial(deviations, start), [point.tolist() for point in tried]))
         losses = [sum(value**2 for value in answer[0]) for answer in answers]
         best = int(np.nanargmin(losses))
         if not losses[best] < sum(value**2 for value in z):
@@ -101,8 +105,8 @@ def refine(
         unit = tried[best]
         damping = dampings[best]
         z, measured = answers[best]
-        J = jacobian(pool, steps, unit, z)
-    print_iteration(iterations, z, unit, steps, measured)
+        J = jacobian(pool, start, unit, z)
+    print_iteration(iterations, z, unit, start, measured)
     return unit, J
 
 
@@ -113,9 +117,14 @@ def _step(J: np.ndarray, z: np.ndarray, damping: float) -> np.ndarray:
 
 
 def print_iteration(
-    iteration: int, z: Sequence[float], unit: np.ndarray, steps: int, measured: dict[str, Any]
+    iteration: int,
+    z: Sequence[float],
+    unit: np.ndarray,
+    start: scenario.Candidate,
+    measured: dict[str, Any],
 ) -> None:
-    candidate = {name: float(f"{value:.4g}") for name, value in from_unit(unit, steps).items()}
+    candidate = from_unit(unit, start)
+    candidate |= {name: float(f"{candidate[name]:.4g}") for name in scenario.open_names(start)}
     line = {
         "iteration": iteration,
         "loss": round(sum(value**2 for value in z), 1),
@@ -125,7 +134,9 @@ def print_iteration(
     print(json.dumps(line), flush=True)
 
 
-def standard_errors(J: np.ndarray, unit: np.ndarray, steps: int) -> dict[str, tuple[float, float]]:
+def standard_errors(
+    J: np.ndarray, unit: np.ndarray, start: scenario.Candidate
+) -> dict[str, tuple[float, float]]:
     """Returns each open number with its standard error.
 
     A direction that Table I does not determine is bounded by the range.
@@ -134,18 +145,12 @@ def standard_errors(J: np.ndarray, unit: np.ndarray, steps: int) -> dict[str, tu
         np.full(J.shape[1], 12.0)
     )  # a uniform number on [0, 1] has variance 1/12
     error = np.sqrt(np.diag(np.linalg.inv(information)))
-    candidate = from_unit(unit, steps)
-    shifted_candidate = from_unit(unit + error, steps)
+    candidate = from_unit(unit, start)
+    shifted_candidate = from_unit(unit + error, start)
     return {
-        name: (candidate[name], abs(shifted_candidate[name] - candidate[name])) for name in NAMES
+        name: (candidate[name], abs(shifted_candidate[name] - candidate[name]))
+        for name in scenario.open_names(start)
     }
-
-
-def start(log: Path, number: int) -> dict[str, Any]:
-    """Returns a candidate of the search's log."""
-    with log.open() as file:
-        row = next(row for row in csv.DictReader(file) if int(row["trial"]) == number)
-    return {**{name: float(row[name]) for name in NAMES}, "steps": int(float(row["steps"]))}
 
 
 def main() -> None:
@@ -157,12 +162,12 @@ def main() -> None:
     parser.add_argument("--processes", type=int, default=2)
     args = parser.parse_args()
     environment.prepare()
-    candidate = start(args.log, args.number)
+    candidate = scenario.logged_candidate(args.log, args.number)
     with ProcessPoolExecutor(
         args.processes, get_context("spawn"), initializer=environment.prepare
     ) as pool:
-        unit, J = refine(pool, to_unit(candidate), candidate["steps"], args.iterations)
-    for name, (value, error) in standard_errors(J, unit, candidate["steps"]).items():
+        unit, J = refine(pool, to_unit(candidate), candidate, args.iterations)
+    for name, (value, error) in standard_errors(J, unit, candidate).items():
         print(f"{name:18} {value:10.4g} ± {error:.2g}")
 
 
