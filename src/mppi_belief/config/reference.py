@@ -3,7 +3,7 @@
 conf/ is the only home of these numbers. Certificates and tests read them here instead of copying
 them:
 
-    reference("cost", "goal_obstacles")["obstacle_penalty"]["width"]    # 0.26
+    reference("cost", "goal_obstacles")["obstacle_penalty"]["margin"]   # 0.17
     reference("system", "light_dark")["problem"]         # a system's file also holds the problem
     reference_settings()["w_obs"]                        # the top level of conf/config.yaml
 """
@@ -34,7 +34,7 @@ def reference(group: str, option: str) -> dict[str, Any]:
     """
     options = _default_options() | {group: option}
     options = _options_of("system", options["system"]) | options
-    parts = _overrides_of("system", options["system"])
+    parts = _overrides_of("system", options["system"]) | _overrides_of(group, option)
     settings = OmegaConf.create(_top_level())
     for chosen_group, chosen_option in options.items():
         settings.merge_with(_content(chosen_group, chosen_option, parts))

@@ -26,7 +26,7 @@ from ..scenarios.risk_expansions import (
     position_problem,
     quadratic_expansion,
 )
-from ..scenarios.section_vii import cost_numbers, reference_theta
+from ..scenarios.section_vii import bump_cost_numbers, reference_theta
 
 
 def certify(seed: int = 0) -> Certificate:
@@ -55,17 +55,17 @@ def certify(seed: int = 0) -> Certificate:
 
 
 def _risk_text(penalty: RiskExpansion, law: PlaneLaw) -> str:
-    w_obs = cost_numbers()["w_obs"]
-    width = cost_numbers()["obstacle_penalty"]["width"]
+    w_obs = bump_cost_numbers()["w_obs"]
+    width = bump_cost_numbers()["obstacle_penalty"]["width"]
     expected, *_ = law.cumulants()
     return (
         "The package's q_RS agrees with the entropic risk ρ to second order in θ, for quadratic "
-        f"costs and Gaussian bumps. For θ = {reference_theta():g} of Sec. VII, our calibrated "
-        f"w_obs = {w_obs:.0f} and bump width {width} m, and a belief of our choice "
+        f"costs and Gaussian bumps. For θ = {reference_theta():g} of Sec. VII, w_obs = {w_obs:.0f} "
+        f"and width {width} m as calibrated for bumps (table_1_bumps), and a belief of our choice "
         f"({BELIEF_DISTANCE} m from an obstacle's centre, standard deviation {BELIEF_STD} m), the "
         f"penalty has E = {expected:.3g}, ρ = {penalty.exact[-1]:.3g} and q_RS = "
         f"{penalty.expanded[-1]:.4g}, and is nowhere larger than {w_obs:.0f}: θ w_obs is far "
-        "outside the range of the expansion. In our experiments, with these calibrated numbers, "
+        "outside the range of the expansion. In experiments with these numbers "
         "q_RS acts as a penalty on the variance of the cost, not as the entropic risk, which is "
         "here nearly the worst case. For quadratic costs ρ is infinite from θ λ_max(Σ W) = 1 on, "
         "where q_RS is still finite."
@@ -125,7 +125,7 @@ def _penalty_panel(penalty: RiskExpansion, law: PlaneLaw) -> Panel:
     thetas = list(THETAS)
     ends = [THETAS[0], THETAS[-1]]
     expected, *_ = law.cumulants()
-    w_obs = cost_numbers()["w_obs"]
+    w_obs = bump_cost_numbers()["w_obs"]
     return Panel(
         "The obstacle penalty of the experiments",
         "risk aversion θ (s)",

@@ -24,7 +24,7 @@ from .risk_expansions import (
     position_problem,
     risk_expansion,
 )
-from .section_vii import cost_numbers, reference_theta
+from .section_vii import bump_cost_numbers, reference_theta
 
 THETAS = np.geomspace(1e-5, 3.0, 60)  # at which the penalty's risk is examined
 
@@ -144,6 +144,6 @@ def risk_lower_bound(theta: float) -> float:
     radii = np.geomspace(1e-3, 1, 200)
     square = np.sum((belief_position() - obstacle_centers()[0]) ** 2)
     probability = ncx2.cdf((radii / BELIEF_STD) ** 2, 2, square / BELIEF_STD**2)
-    numbers = cost_numbers()
+    numbers = bump_cost_numbers()
     value = numbers["w_obs"] * np.exp(-(radii**2) / (2 * numbers["obstacle_penalty"]["width"] ** 2))
     return float(np.max(value + np.log(probability) / theta))

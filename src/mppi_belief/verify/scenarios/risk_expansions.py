@@ -22,7 +22,7 @@ from ...obstacles import Obstacles
 from ...problem import Belief, Problem
 from ...systems import Linear
 from .cost_laws import CostLaw, QuadraticLaw, plane_law
-from .section_vii import cost_numbers, problem_numbers
+from .section_vii import bump_cost_numbers, problem_numbers
 
 BELIEF_DISTANCE = 0.8  # m, of the examined belief from an obstacle's centre
 BELIEF_STD = 0.35  # m, standard deviation of the examined belief
@@ -64,7 +64,7 @@ def position_problem(centers: Sequence[Sequence[float]] | None = None) -> Proble
 
     `centers` (M, 2) replaces the obstacles of Sec. VII.
     """
-    numbers = cost_numbers()
+    numbers = bump_cost_numbers()
     weight = jnp.asarray(numbers["running_weight"][:2])
     goal = jnp.asarray(numbers["goal"][:2])
     bump = Bump(numbers["obstacle_penalty"]["width"])

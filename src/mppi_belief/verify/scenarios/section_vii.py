@@ -32,6 +32,12 @@ def cost_numbers() -> dict[str, Any]:
 
 
 @cache
+def bump_cost_numbers() -> dict[str, Any]:
+    """Returns the numbers of the cost with Gaussian bumps, as calibrated for that penalty."""
+    return dict(reference("experiment", "table_1_bumps")["cost"])
+
+
+@cache
 def reference_theta() -> float:
     """Returns the risk aversion theta of Sec. VII."""
     return float(reference_settings()["theta"])
