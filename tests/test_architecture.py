@@ -94,3 +94,9 @@ def test_a_row_is_wrapped_at_most_three_times():
     source = "\n".join(path.read_text() for path in import_graph.SOURCE.rglob("*.py"))
     for wrapper in wrappers:
         assert f"class {wrapper}" in source, wrapper
+
+
+def test_no_two_test_modules_have_the_same_name():
+    """pytest imports them by their bare names and refuses the second."""
+    names = [path.name for path in (ROOT / "tests").rglob("test_*.py")]
+    assert sorted(set(names)) == sorted(names)

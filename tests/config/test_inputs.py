@@ -45,7 +45,7 @@ def asking(folder: Path, capsys: Any, monkeypatch: pytest.MonkeyPatch) -> Callab
     monkeypatch.setattr(run, "show_outcome", lambda *args: 0)
     monkeypatch.setattr(verify, "verify_paper", lambda *args: 0)
     monkeypatch.setattr(verify, "verify_system", lambda *args: 0)
-    monkeypatch.setattr(build, "report_studies", lambda *args: True)
+    monkeypatch.setattr(build, "report_studies", lambda *args, **how: True)
     return lambda *args: call(folder, capsys, *args)
 
 

@@ -21,7 +21,7 @@ def test_table_1_has_its_own_settings(method):
 
 
 @pytest.mark.parametrize(
-    "words", [["seed=3", "n_trials=7"], ["precision=float64", "batch=4"], ["w_obs=300.0"]]
+    "words", [["seed=3", "n_trials=7"], ["precision=float64", "batch=4"], ["w_obs=350"]]
 )
 def test_how_trials_are_computed_and_how_a_number_is_written_is_no_departure(words):
     assert departures_of(*words) == ()

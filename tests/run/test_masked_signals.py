@@ -5,12 +5,11 @@ signal to.
 import os
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import pytest
 
 from mppi_belief.run.signals import STOPPING, ended_by_signals, masked, polite_stop
-from study_helpers import poll
 
 
 @pytest.fixture
@@ -29,15 +28,29 @@ def open_thread() -> Iterator[threading.Thread]:
     thread.join()
 
 
-def test_a_signal_that_another_thread_receives_waits_for_the_end_of_masked(open_thread):
+@pytest.fixture
+def send(open_thread) -> Iterator[Callable[[int], None]]:
+    """Sends a signal to that thread, and returns when it has been received."""
+    reader, writer = os.pipe()
+    os.set_blocking(writer, False)
+    before = signal.set_wakeup_fd(writer)
+
+    def send_and_wait(number: int) -> None:
+        signal.pthread_kill(open_thread.ident, number)
+        assert os.read(reader, 1) == bytes([number])
+
+    yield send_and_wait
+    signal.set_wakeup_fd(before)
+    os.close(reader)
+    os.close(writer)
+
+
+def test_a_signal_that_another_thread_receives_waits_for_the_end_of_masked(send):
     events = []
 
     def command() -> int:
         with masked():
-            signal.pthread_kill(open_thread.ident, signal.SIGTERM)
-            # Python answers between two operations of the main thread, at once or never.
-            for _ in range(10_000):
-                os.getpid()
+            send(signal.SIGTERM)
             events.append("process started")
         events.append("not reached")
         return 0
@@ -46,20 +59,18 @@ def test_a_signal_that_another_thread_receives_waits_for_the_end_of_masked(open_
     assert (code, events) == (143, ["process started", "stopped"])
 
 
-def test_a_second_signal_waits_too(open_thread):
+def test_a_second_signal_waits_too(send):
     numbers = []
     with polite_stop(lambda: numbers.append("first")) as stop:
-        signal.raise_signal(signal.SIGINT)
+        send(signal.SIGINT)
         with masked():
-            signal.pthread_kill(open_thread.ident, signal.SIGINT)
-            for _ in range(10_000):
-                os.getpid()
+            send(signal.SIGINT)
             assert not stop.at_once
         pytest.fail("the second signal ends the block")
     assert (stop.number, stop.at_once, numbers) == (signal.SIGINT, True, ["first"])
 
 
-def test_masked_in_another_thread_holds_back_no_handler(open_thread):
+def test_masked_in_another_thread_holds_back_no_handler(send):
     inside = threading.Event()
     ended = threading.Event()
 
@@ -73,8 +84,7 @@ def test_masked_in_another_thread_holds_back_no_handler(open_thread):
     inside.wait()
     called = []
     with polite_stop(lambda: called.append(True)):
-        signal.pthread_kill(open_thread.ident, signal.SIGTERM)
-        poll(lambda: called, 10)
+        send(signal.SIGTERM)
     ended.set()
     thread.join()
     assert called == [True]
