@@ -117,7 +117,7 @@ def summary(sources: PageSources) -> str:
         "CE-MPPI.",
         verdict(numbers, FITTED),
         verdict(numbers, HELD_OUT),
-        f"{met} of the {len(targets)} targets are met.",
+        f"{met} of the {len(targets)} targets {'is' if met == 1 else 'are'} met.",
     )
 
 

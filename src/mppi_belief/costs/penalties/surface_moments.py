@@ -24,6 +24,7 @@ from ...belief.half_space_moments import (
 from ...belief.integration import covariance, expected_value, integrand, variance
 from ...numerics.linalg import as_matrix, matvec, minus, quadratic_form
 from ...obstacles import HalfSpaces, Surroundings, is_plain, obstacle_distances
+from ...obstacles.discs import MOST_UNROLLED
 from .protocols import DistancePenalty, SurfacePenalty
 
 
@@ -50,7 +51,12 @@ def surface_sum(penalty: SurfacePenalty, x: Array, surroundings: Surroundings) -
     if surroundings.obstacles is None:
         return jnp.zeros_like(x[0])
     distances = obstacle_distances(surroundings.obstacles, surroundings.position(x))
-    return jnp.sum(_profile(penalty)(distances))
+    profile = _profile(penalty)
+    if len(distances) > MOST_UNROLLED:
+        return jnp.sum(profile(distances))
+    # One by one: a sum over an axis is slower where the states of all paths are the last axis.
+    values = [profile(distances[j]) for j in range(len(distances))]
+    return sum(values, jnp.zeros_like(x[0]))
 
 
 def surface_moments(

@@ -75,7 +75,7 @@ def margins_frame(cells: Sequence[CellResults]) -> pd.DataFrame:
     for cell in cells:
         labels = {"planner": planner_of(cell)}
         labels |= {
-            SETTING_COLUMNS[name]: f"{setting_of(cell, name):.4g}".replace("nan", "-")
+            SETTING_COLUMNS[name]: f"{round(setting_of(cell, name), 2) + 0.0:g}".replace("nan", "-")
             for name in SETTINGS
         }
         lines.append(summary_text(cell.rows, labels, cell.seconds, cell.busy))
