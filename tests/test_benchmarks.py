@@ -85,7 +85,7 @@ class Process:
 
 
 def test_the_work_is_what_the_configuration_says(workload):
-    (config,) = collect("controller=ce")
+    (config,) = collect("experiment=table_1_bumps", "controller=ce")
     problem, _, controller = build(config)
     assert (workload["dt"], workload["steps"], workload["start"]) == (
         problem.dt,

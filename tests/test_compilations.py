@@ -75,7 +75,7 @@ def test_no_number_of_a_cell_compiles_anything_anew():
 def test_no_word_of_a_sweep_over_numbers_compiles_anything_anew():
     row_of(compose(*PLANNER))
     changes = [
-        ("theta=0",),
+        ("cost.goal=[6,0,0,0]",),
         ("theta=3", "w_obs=0"),
         ("w_obs=2500", "seed=5"),
         ("planner.temperature=2",),

@@ -20,6 +20,7 @@ from mppi_belief.config.request import Request
 from mppi_belief.numerics.jax_settings import pin_jax_settings
 from mppi_belief.trial import build, time_steps
 from plant import WARM_UP, Workload, judge, plant_step
+from workload import SCENE
 
 # JAX keeps the dispatch that it starts with, so this precedes the first computation.
 pin_jax_settings()
@@ -32,7 +33,7 @@ def make(name: str, workload: Workload, dtype: str) -> "Controller":
 
 def config_of(controller: str, dtype: str) -> dict:
     """Returns the configuration that `mppi-belief run controller=... precision=...` runs."""
-    (config,) = collect(Request((f"controller={controller}", f"precision={dtype}")))
+    (config,) = collect(Request((*SCENE, f"controller={controller}", f"precision={dtype}")))
     return config
 
 

@@ -8,16 +8,17 @@ They need no Hydra and no command line. docs/api.md has an example of each.
     system = mb.LightDark(process_noise=0.3, light=5, noise_slope=0.5**0.5, noise_floor=0.1)
     cost = mb.GoalObstacleCost(
         goal=[7, 0, 0, 0],
-        running_weight=[1, 1, 2, 2],
-        terminal_weight=[5, 5, 0.15, 0.15],
-        control_weight=[0.2, 0.2],
-        w_obs=300,
-        obstacle_penalty=mb.Bump(width=0.26),
+        running_weight=[1.07, 1.07, 2.2, 2.2],
+        terminal_weight=[6.2, 6.2, 0.15, 0.15],
+        control_weight=[0.135, 0.135],
+        w_obs=350,
+        obstacle_penalty=mb.SquaredHinge(margin=0.17),
     )
-    mean = [0.9, 1.9, 0, 0]
-    sd = [0.25, 0.25, 0.05, 0.05]
-    problem = mb.Problem(system, cost, mean, sd, dt=0.1, steps=60, obstacles=discs, position=(0, 1))
-    planner = mb.MPPI(path_cost=mb.RiskSensitive(theta=1), sampler=mb.NominalSampler(2.75))
+    start = [1.1, 2, 0, 0]
+    sd = [0.46, 0.46, 0.05, 0.05]
+    problem = mb.Problem(system, cost, start, sd, 0.1, 60, discs, (0, 1), initial_draw="none")
+    path_cost = mb.RiskSensitive(theta=1, expectation="at_mean", variance="sigma_points")
+    planner = mb.MPPI(path_cost=path_cost, sampler=mb.NominalSampler(2.2))
     trial = mb.simulate_trial(problem, mb.EKF(), planner, seed=0, trial=0)
     print(mb.metrics(problem, trial))
 

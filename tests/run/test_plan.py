@@ -93,7 +93,7 @@ def test_what_does_not_change_a_trial_does_not_change_the_cell(change, default_i
         "problem.obstacles.centers=[[3.0,1.0]]",
         "problem.steps=59",
         "problem.prior_std=[0.2,0.2,0.05,0.06]",
-        "cost.obstacle_penalty.width=0.3",
+        "cost.obstacle_penalty.margin=0.3",
         "filter=particle",
         "system=scalar_linear",
     ],

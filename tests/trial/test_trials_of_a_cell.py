@@ -95,7 +95,7 @@ def test_build_makes_what_the_configuration_says():
         16,
         100.0,
     )
-    np.testing.assert_array_equal(built.problem.prior_mean, [0.9, 1.9, 0, 0])
+    np.testing.assert_array_equal(built.problem.prior_mean, [1.1, 2.0, 0, 0])
 
 
 @pytest.mark.parametrize(
@@ -440,7 +440,7 @@ def test_the_scene_of_the_plane_shows_where_measurements_are_good():
     assert noise["level"].shape == (len(noise["y"]), len(noise["x"]))
     expected = 0.5**0.5 * np.abs(noise["x"] - 5) + 0.1
     np.testing.assert_allclose(noise["level"], np.tile(expected, (len(noise["y"]), 1)), atol=1e-3)
-    np.testing.assert_allclose(scene["start"], [0.9, 1.9], rtol=1e-6)
+    np.testing.assert_allclose(scene["start"], [1.1, 2.0], rtol=1e-6)
     assert (scene["goal"], scene["radius"], scene["dt"]) == ([7, 0], 0.65, 0.1)
     assert scene["obstacles"] == [[3, 1], [3, -1]]
 
@@ -493,10 +493,10 @@ def test_sweeps_over_numbers_compile_once_and_over_sizes_again():
         sample_sizes = [
             run_trials(compose(*PLANNER, *change), [0]).rows[0]["ess"]
             for change in (
-                ["theta=3"],
-                ["w_obs=100"],
-                ["theta=0", "w_obs=7"],
-                ["system.light=4"],
+                ["cost.goal=[6,0,0,0]"],
+                ["cost.control_weight=[1,1]"],
+                ["theta=0", "planner.control_std=1"],
+                ["system.process_noise=1"],
                 ["seed=5"],
             )
         ]

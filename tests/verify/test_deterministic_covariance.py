@@ -1,12 +1,12 @@
 """Proposition 2: its certificate holds, and each part fails where the proposition is broken."""
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import mppi_belief as mb
 import reference
 from certificate_helpers import assert_holds
 from helpers import float64, quick_jit, random_spd, riccati_step
@@ -106,12 +106,12 @@ def test_a_covariance_that_feels_the_controls_is_seen(monkeypatch, quick_x64):
 
 
 def test_a_filter_whose_covariance_feels_the_measurements_is_seen(monkeypatch, quick_x64):
+    @mb.struct
     class Doubting(covariance.EKF):
         def update(self, problem, belief, u, y, key):
             after = super().update(problem, belief, u, y, key)
             return after._replace(root=after.root * (1 + 1e-6 * jnp.sum(y**2)))
 
-    jax.tree_util.register_dataclass(Doubting, data_fields=[], meta_fields=[])
     monkeypatch.setattr(covariance, "EKF", Doubting)
     assert not any(
         check.holds for check in covariance.independence_checks(model.linear_wind_problem(0.1), 0)
