@@ -10,14 +10,12 @@ error. With the information of a uniform number in its range added, its inverse 
 error of each open number while the others are free. More digits than that mean nothing.
 """
 
-import argparse
 import json
 import math
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from multiprocessing import get_context
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -26,10 +24,8 @@ import scenario
 import structure
 from mppi_belief.config import environment
 
-HERE = Path(__file__).parent
 TRIALS = {"belief": 100, "ce": 100, "ilqg": 100, "pipf": 40}
 STEP = 0.04
-_bases: dict[str, dict[str, Any]] = {}
 
 
 def to_unit(candidate: scenario.Candidate) -> np.ndarray:
@@ -63,13 +59,12 @@ def deviations(
     start: scenario.Candidate, unit: Sequence[float]
 ) -> tuple[list[float], dict[str, Any]]:
     """Returns Table I's twelve z at a point, and the measured numbers of each method."""
-    if not _bases:
-        _bases.update(scenario.base_configs())
+    bases = scenario.base_configs()
     candidate = from_unit(np.asarray(unit), start)
     z = []
     measured = {}
     for method in scenario.METHODS:
-        rows = scenario.run(scenario.configure(_bases[method], candidate), range(TRIALS[method]))
+        rows = scenario.run(scenario.configure(bases[method], candidate), range(TRIALS[method]))
         measured[method] = scenario.measure(rows)
         z += scenario.deviations(method, measured[method])
     return z, {method: [round(value, 4) for value in values] for method, values in measured.items()}
@@ -155,11 +150,8 @@ def standard_errors(
 
 def main() -> None:
     """Refines one candidate and prints each number with its standard error."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--from", dest="number", type=int, required=True)
-    parser.add_argument("--log", type=Path, default=HERE / "trials.csv")
+    parser = scenario.candidate_parser(__doc__)
     parser.add_argument("--iterations", type=int, default=6)
-    parser.add_argument("--processes", type=int, default=2)
     args = parser.parse_args()
     environment.prepare()
     candidate = scenario.logged_candidate(args.log, args.number)

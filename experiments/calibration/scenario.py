@@ -1,6 +1,8 @@
 """Describes the numbers that the paper leaves open, and runs Table I's methods under them."""
 
+import argparse
 import csv
+import functools
 from collections.abc import Sequence
 from copy import deepcopy
 from pathlib import Path
@@ -44,8 +46,9 @@ OPEN = {
 }
 
 
+@functools.cache
 def base_configs() -> dict[str, dict[str, Any]]:
-    """Returns the composed configuration of each method."""
+    """Returns the composed configuration of each method, once per process; not to be changed."""
     return {
         method: collect(Request((f"controller={method}", f"seed={SEED}")))[0] for method in METHODS
     }
@@ -71,6 +74,15 @@ def logged_candidate(log: Path, number: int) -> Candidate:
     for name, options in CHOICES.items():
         candidate[name] = next(option for option in options if shown(option) == row[name])
     return candidate | {name: float(row[name]) for name in open_names(candidate)}
+
+
+def candidate_parser(description: str) -> argparse.ArgumentParser:
+    """Returns a parser of what a script needs that starts from one candidate of a log."""
+    parser = argparse.ArgumentParser(description=description.splitlines()[0])
+    parser.add_argument("--from", dest="number", type=int, required=True)
+    parser.add_argument("--log", type=Path, default=Path(__file__).parent / "trials.csv")
+    parser.add_argument("--processes", type=int, default=2)
+    return parser
 
 
 def configure(base: dict[str, Any], candidate: Candidate) -> dict[str, Any]:

@@ -6,18 +6,15 @@ Numbers are fitted to Table I alone (search.py, refine.py). The structure may be
 at the sweeps; this prints them. The trials are those of the search, not those of the studies.
 """
 
-import argparse
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
+from functools import partial
 from multiprocessing import get_context
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import scenario
 from mppi_belief.config import environment
 from mppi_belief.report import published
-
-HERE = Path(__file__).parent
 
 
 class Point(NamedTuple):
@@ -50,24 +47,17 @@ def measure_point(
     return point, scenario.measure(scenario.run(config, range(trials)))
 
 
-def _measure(task: tuple[scenario.Candidate, int, Point]) -> tuple[Point, scenario.Measured]:
-    return measure_point(*task)
-
-
 def main() -> None:
     """Prints a line per cell: collisions, clearance, cost and spread."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--from", dest="number", type=int, required=True)
-    parser.add_argument("--log", type=Path, default=HERE / "trials.csv")
+    parser = scenario.candidate_parser(__doc__)
     parser.add_argument("--trials", type=int, default=200)
-    parser.add_argument("--processes", type=int, default=2)
     args = parser.parse_args()
     environment.prepare()
     candidate = scenario.logged_candidate(args.log, args.number)
-    tasks = [(candidate, args.trials, point) for point in points()]
+    measure = partial(measure_point, candidate, args.trials)
     context = get_context("spawn")
     with ProcessPoolExecutor(args.processes, context, environment.prepare) as pool:
-        for point, measured in pool.map(_measure, tasks):
+        for point, measured in pool.map(measure, points()):
             print(
                 f"{point.method:8}{point.key:6}{point.value:>8g}"
                 f"  {100 * measured.collision_rate:5.1f} %  {measured.clearance:5.2f} m"

@@ -110,8 +110,8 @@ def charged_moments(
 
     # The variance, with the expectation that its rule takes it about.
     if rules.variance == "exact":
-        about = exact.penalty if variance_of == "penalty" else exact.base + exact.penalty
-        by_variance_rule = RuleMoments(about, _variance(exact, variance_of))
+        center = exact.penalty if variance_of == "penalty" else exact.base + exact.penalty
+        by_variance_rule = RuleMoments(center, _variance(exact, variance_of))
     else:
         function = varying_cost(problem, variance_of)
         by_variance_rule = moments_by_rule(function, mean, cov, rules.variance, spread)
@@ -191,8 +191,8 @@ def mixture_risk_sensitive(
     base = dot(weights, [c.base for c in components])
     penalty = dot(weights, [c.penalty for c in components])
     varying = [c.by_variance_rule for c in components]
-    about = dot(weights, [v.expectation for v in varying])
-    variance = dot(weights, [v.variance + (v.expectation - about) ** 2 for v in varying])
+    center = dot(weights, [v.expectation for v in varying])
+    variance = dot(weights, [v.variance + (v.expectation - center) ** 2 for v in varying])
     return base + penalty + 0.5 * theta * variance
 
 

@@ -1,4 +1,4 @@
-"""What a cost may know of the world around a state: its position and the obstacles.
+"""Tells a cost what it may know of the world around a state: its position and the obstacles.
 
 Obstacles live in the space of positions (d,), costs are functions of the state (nx,). A problem
 hands its cost these `Surroundings`, so that a cost need not know which components of the state are

@@ -99,9 +99,9 @@ def _compare_weight(cell: CellResults, ours: TrialSummary) -> Iterator[ComparedN
     if cell.method in published.BASELINES:
         yield _compare_rate(HELD_OUT, label, ours, *published.BASELINE_RANGE)
     elif cell.method == "belief":
-        bounds = [rate for start, rate in published.BELIEF_BELOW.items() if w_obs >= start]
-        if bounds:
-            yield _compare_rate(HELD_OUT, label, ours, 0.0, min(bounds))
+        bound = published.belief_rate_bound(w_obs)
+        if bound is not None:
+            yield _compare_rate(HELD_OUT, label, ours, 0.0, bound)
 
 
 def _compare_rate(

@@ -47,6 +47,12 @@ WEIGHT_RANGE = (1e2, 1e4)  # of the obstacle weight in Fig. 2
 FIG_2_WEIGHTS = (100.0, 250.0, 500.0, 1000.0, 2500.0, 5000.0, 10000.0)  # of conf/sweep/w_obs.yaml
 BELIEF_BELOW = {500.0: 0.01, 2500.0: 0.0}  # the highest rate of MPPI-Belief from this w_obs on
 
+
+def belief_rate_bound(w_obs: float) -> float | None:
+    """Returns the highest rate of MPPI-Belief that the text allows at a weight; None below all."""
+    return min((rate for start, rate in BELIEF_BELOW.items() if w_obs >= start), default=None)
+
+
 # Keys that the paper's sweeps vary; all others are as in Table I.
 THETA_KEY = "controller.path_cost.theta"
 EXPECTATION_KEY = "controller.path_cost.expectation"  # the paper leaves open which it uses

@@ -87,8 +87,7 @@ def _discs(problem: Problem, d: int) -> tuple[np.ndarray, float]:
 
 def _components(problem: Problem) -> list[int]:
     """Returns the components of the state that are the position, also if they are all."""
-    nx = len(problem.prior_mean)
-    return list(range(nx) if problem.position is None else problem.position)
+    return problem.surroundings.position_components(len(problem.prior_mean))
 
 
 def _position_labels(problem: Problem) -> list[str] | None:

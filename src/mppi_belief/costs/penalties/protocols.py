@@ -1,4 +1,4 @@
-"""What a penalty on obstacles may be.
+"""Defines what a penalty on obstacles may be.
 
     penalty(p) = w_obs sum_j h(d_j(p))
 

@@ -36,20 +36,12 @@ class PenaltyMoments(NamedTuple):
     covariance: Array  # with the base cost
 
 
-class _Base(NamedTuple):
-    """Holds the base cost 1/2 (x - goal)' W (x - goal) at the mean."""
-
-    offset: list[Array]  # (nx,), of the mean from the goal
-    weight: Array  # W (nx, nx)
-
-
 def surface_sum(penalty: SurfacePenalty, x: Array, surroundings: Surroundings) -> Array:
-    """Returns the sum () of a penalty over all obstacles at a state (nx,).
+    """Returns the sum () of a penalty over all obstacles, of which there are some, at a state.
 
-    Raises `ValueError` for what is no penalty.
+    The state is (nx,). Raises `ValueError` for what is no penalty.
     """
-    if surroundings.obstacles is None:
-        return jnp.zeros_like(x[0])
+    assert surroundings.obstacles is not None
     distances = obstacle_distances(surroundings.obstacles, surroundings.position(x))
     profile = _profile(penalty)
     if len(distances) > MOST_UNROLLED:
@@ -71,36 +63,29 @@ def surface_moments(
 
     The arguments are those of `totals.penalty_moments`.
     """
-    none = jnp.zeros_like(mean[0])
     obstacles = surroundings.obstacles
+    if not (is_plain(obstacles, HalfSpaces) and isinstance(penalty, DistancePenalty)):
+        return _integrated(penalty, mean, cov, goal, weight, surroundings)
+    if len(obstacles.normals) == 0:
+        none = jnp.zeros_like(mean[0])
+        return PenaltyMoments(none, none, none)
+
+    # The distances and their covariance with the state.
     components = jnp.array(surroundings.position_components(len(mean)))
-    position = surroundings.position(mean)
-    to_state = cov[:, components]
-    base = _Base(minus(mean, goal), as_matrix(weight))
-    if is_plain(obstacles, HalfSpaces) and isinstance(penalty, DistancePenalty):
-        if len(obstacles.normals) == 0:
-            return PenaltyMoments(none, none, none)
-        return _at_half_spaces(penalty, position, to_state, components, obstacles, base)
-    return _integrated(penalty, mean, cov, goal, weight, surroundings)
+    normals = jnp.asarray(obstacles.normals)
+    directions = normals @ cov[:, components].T
+    spread = directions[:, components] @ normals.T
+    distances = HalfSpaceDistances(obstacles.distances(surroundings.position(mean)), spread)
 
-
-def _at_half_spaces(
-    penalty: DistancePenalty,
-    position: Array,
-    to_state: Array,
-    components: Array,
-    walls: HalfSpaces,
-    base: _Base,
-) -> PenaltyMoments:
-    """Returns the moments for half-spaces, from the covariance of state and position (nx, d)."""
-    normals = jnp.asarray(walls.normals)
-    directions = normals @ to_state.T
-    distances = HalfSpaceDistances(walls.distances(position), directions[:, components] @ normals.T)
+    # The moments of the penalty, and its covariance with the base cost.
     of_distance = penalty.distance_moments
-    expectation, spread = half_space_moments(penalty.profile, penalty.reach, of_distance, distances)
-    gradient = matvec(base.weight, base.offset)
-    with_base = quadratic_covariance(of_distance, distances, directions, gradient, base.weight)
-    return PenaltyMoments(expectation, spread, with_base)
+    expectation, variance_of_sum = half_space_moments(
+        penalty.profile, penalty.reach, of_distance, distances
+    )
+    hessian = as_matrix(weight)
+    gradient = matvec(hessian, minus(mean, goal))
+    with_base = quadratic_covariance(of_distance, distances, directions, gradient, hessian)
+    return PenaltyMoments(expectation, variance_of_sum, with_base)
 
 
 def _integrated(

@@ -1,4 +1,4 @@
-"""What a planned belief costs, one file each."""
+"""Charges a planned belief, one path cost per file."""
 
 from .certainty_equivalent import CertaintyEquivalent
 from .chance_constrained import ChanceConstrained

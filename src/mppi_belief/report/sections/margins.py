@@ -1,4 +1,4 @@
-"""What the variance of a compact penalty amounts to: sigma points, exact moments, a chance
+"""Reports what the variance of a compact penalty amounts to: sigma points, exact moments, a chance
 constraint, over four decades of theta and w_obs and at equal collision rate."""
 
 from collections.abc import Sequence

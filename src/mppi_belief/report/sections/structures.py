@@ -1,4 +1,4 @@
-"""Two structures beside each other: that of Table I here, and that of the first calibration."""
+"""Shows two structures beside each other: that of Table I here, that of the first calibration."""
 
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -104,8 +104,8 @@ def _weight_lines(structures: Sequence[Structure]) -> Iterator[list[str]]:
                 continue
             paper = f"{low:g} to {high:g}"
             if method == "belief":
-                bounds = [rate for start, rate in published.BELIEF_BELOW.items() if weight >= start]
-                paper = f"{100 * min(bounds):.1f}" if bounds else "-"
+                bound = published.belief_rate_bound(weight)
+                paper = "-" if bound is None else f"{100 * bound:.1f}"
             label = f"w_obs {weight:g}, {METHOD_NAMES[method]}, collisions %"
             yield [label, paper, *_texts(cells, _rate)]
 

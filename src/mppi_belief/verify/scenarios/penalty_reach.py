@@ -1,4 +1,4 @@
-"""How far from an obstacle a planner keeps: the distance at which a belief is charged a price.
+"""Computes how far from an obstacle a planner keeps, where a belief is charged a price.
 
 The belief N(mu, sigma^2 I) is at a distance d from a disc of radius r, with the penalty
 w max(0, m - distance) of its position, and is charged in one of four ways:
